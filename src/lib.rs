@@ -1,0 +1,20 @@
+//! Rendering of adaptive-mesh-refinement (AMR) simulations of any depth, within a memory limit.
+//!
+//! Data flow one way and a module knows only those before it (`docs/ARCHITECTURE.md`):
+//! [`space`] → [`source`] → [`ingest`] → [`cache`] → [`paging`] → [`scene`] → [`render`] →
+//! [`image`]. The binary's commands stand in [`cli`]; [`synth`] writes test data in the layouts
+//! of simulation codes.
+
+pub mod cache;
+pub mod cli;
+pub mod error;
+pub mod image;
+pub mod ingest;
+pub mod paging;
+pub mod render;
+pub mod scene;
+pub mod source;
+pub mod space;
+pub mod synth;
+
+pub use error::{Error, Result};

@@ -1,0 +1,120 @@
+//! Simulation outputs: one file (or folder) per format behind the [`Source`] trait.
+//!
+//! A source knows grids and fields; it does not know bricks.
+
+use std::path::Path;
+
+use crate::space::{Domain, IndexBox, Levels};
+use crate::{Error, Result};
+
+/// One field of a simulation output.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SourceField {
+    /// The file's own name.
+    pub name: String,
+    /// The file's own name of the unit, if it states one.
+    pub units: Option<String>,
+    /// Factor from code units to cgs, if the source says how.
+    pub to_cgs: Option<f64>,
+}
+
+/// What an output says of itself before any field data are read.
+#[derive(Debug, Clone)]
+pub struct Hierarchy {
+    /// The simulated box and root grid.
+    pub domain: Domain,
+    /// The levels that the output's grids use.
+    pub levels: Levels,
+    /// Fields that every grid has.
+    pub fields: Vec<SourceField>,
+    /// Which of `fields` is the density, if one is.
+    pub density: Option<usize>,
+    /// Code time of the output.
+    pub time: Option<f64>,
+}
+
+/// One grid (patch, block) of an output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GridRecord {
+    /// The output's own number of the grid, for messages.
+    pub id: u64,
+    /// Simulation level, 0 = root grid.
+    pub level: u32,
+    /// The level's cell index of the grid's first cell.
+    pub lo: [i128; 3],
+    /// Active cells along x, y, z.
+    pub size: [u32; 3],
+    /// Where the source finds the data; means something to the source alone.
+    pub locator: u64,
+}
+
+impl GridRecord {
+    /// The grid's cells.
+    pub fn cells(&self) -> IndexBox {
+        IndexBox::at(self.lo, self.size)
+    }
+}
+
+/// A block of one grid's cells, in the grid's own indices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GridBlock {
+    /// First cell along x, y, z.
+    pub lo: [u32; 3],
+    /// Cells along x, y, z.
+    pub size: [u32; 3],
+}
+
+impl GridBlock {
+    /// Number of cells.
+    pub fn len(&self) -> usize {
+        self.size.iter().map(|&n| n as usize).product()
+    }
+
+    /// Whether the block holds no cell.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// A simulation output that can be ingested. Reading may happen on several threads at once.
+pub trait Source: Send + Sync {
+    /// The format's name, as `--format` takes it.
+    fn format(&self) -> &'static str;
+
+    /// The file that the user named.
+    fn path(&self) -> &Path;
+
+    /// Domain, levels and fields.
+    fn hierarchy(&self) -> &Hierarchy;
+
+    /// Hands every grid to `visit`, in any order, in memory that does not grow with their number
+    /// where the format allows.
+    ///
+    /// # Errors
+    /// Whatever is wrong with the hierarchy, naming the grid; and what `visit` returns.
+    fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()>;
+
+    /// Reads `block` of field `field` (an index into [`Hierarchy::fields`]) of `grid` into `out`
+    /// (`block.len()` values, x fastest, then y, then z), widened to f64, as they are in the file
+    /// (NaN included).
+    ///
+    /// # Errors
+    /// Missing, truncated or unreadable data, naming file, grid and field.
+    fn read(
+        &self,
+        grid: &GridRecord,
+        field: usize,
+        block: GridBlock,
+        out: &mut [f64],
+    ) -> Result<()>;
+}
+
+/// Opens a simulation output, telling its format by content unless `format` names it.
+///
+/// # Errors
+/// An input of no known format (the message lists those there are), or one that its format's
+/// reader refuses.
+pub fn open(path: &Path, format: Option<&str>) -> Result<Box<dyn Source>> {
+    let _ = format;
+    Err(Error::invalid(path.display(), "no known format"))
+}
