@@ -1,1 +1,27 @@
-//! (being written)
+//! The brick cache: one file, laid out as `docs/FORMAT.md` says, byte by byte.
+//!
+//! [`Writer`] makes it, [`Cache`] reads it. The cache knows levels, bricks and fields; it knows
+//! neither simulation formats nor cameras.
+
+mod brick;
+pub(crate) mod bytes;
+mod checksum;
+mod codec;
+mod header;
+mod index;
+mod reader;
+mod record;
+mod verify;
+#[allow(unsafe_code)]
+mod window;
+mod writer;
+
+pub use brick::{Block, BrickPlace, BrickShape, RawBrick, state};
+pub use codec::{Decoder, Encoder};
+pub use header::{CachedField, Header, TreeLevel};
+pub use index::{Cursor, WINDOW_BYTES};
+pub use reader::Cache;
+pub(crate) use record::EMPTY_RANGE;
+pub use record::{FieldRecord, NodeRecord};
+pub use verify::{Damage, Report, verify};
+pub use writer::Writer;

@@ -1,1 +1,302 @@
-//! (being written)
+//! Simulation output → brick cache, in three passes and within a memory limit:
+//!
+//! 1. [`overlaps`] reads boxes only and sorts which grids lie in which bricks;
+//! 2. [`build`] assembles bricks from the finest level to the root, averaging children;
+//! 3. [`complete`] adds ghosts and ancestors' blocks, compresses, and writes the index.
+//!
+//! Between passes everything lies in nameless temporary files beside the target.
+
+mod assemble;
+mod build;
+mod cells;
+mod complete;
+mod drafts;
+mod gather;
+mod hood;
+mod load_cache;
+mod morton;
+mod overlaps;
+mod plan;
+mod progress;
+mod residual;
+mod sort;
+mod spool;
+mod store;
+mod tally;
+mod upward;
+
+use std::path::Path;
+
+use crate::atomic_file::AtomicFile;
+use crate::cache::{BrickShape, CachedField, Header, TreeLevel};
+use crate::source::Source;
+use crate::space::{Decimal, Domain, FRACTION_BITS, IndexBox, MAX_OCTREE_LEVEL};
+use crate::{Error, Result};
+
+use assemble::{Assembler, Rules};
+use build::Built;
+use cells::SourceCells;
+use complete::Completion;
+use overlaps::Layout;
+use plan::Plan;
+pub use plan::DEFAULT_MEMORY;
+pub use progress::{Progress, Stage};
+
+/// What to ingest, and how.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Names of the fields, without regard to case; empty: the density.
+    pub fields: Vec<String>,
+    /// Limit of the process' memory, bytes.
+    pub memory: u64,
+    /// Threads; none: all cores.
+    pub threads: Option<usize>,
+    /// Simulation levels deeper than this are left out.
+    pub max_level: Option<u32>,
+    /// Largest relative error of a stored value; 0: lossless.
+    pub relative_error: f64,
+    /// Leaf cells below this value are dropped.
+    pub drop_below: Option<f64>,
+    /// Only leaf cells that reach into this box (code length, lower and upper corner) are kept.
+    pub region: Option<[[Decimal; 3]; 2]>,
+    /// Cells along a brick's edge; none: chosen by cost.
+    pub brick: Option<u32>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            fields: Vec::new(),
+            memory: DEFAULT_MEMORY,
+            threads: None,
+            max_level: None,
+            relative_error: 0.0,
+            drop_below: None,
+            region: None,
+            brick: None,
+        }
+    }
+}
+
+/// Writes the cache of `source` to `target`; its header.
+///
+/// # Errors
+/// Anything wrong with the source, the options or the target. Nothing stands at the target then
+/// that did not before.
+pub fn ingest(
+    source: &dyn Source,
+    target: &Path,
+    options: &Options,
+    progress: &mut Progress<'_>,
+) -> Result<Header> {
+    let directory = match target.parent() {
+        Some(parent) if parent != Path::new("") => parent,
+        _ => Path::new("."),
+    };
+    in_pool(options.threads, || {
+        let file = AtomicFile::create(target)?;
+        let survey = survey_in(source, directory, options, true, progress)?;
+        let header = survey.header;
+        progress.begin(Stage::Write, header.nodes());
+        let completion = Completion {
+            store: &survey.built.store,
+            batch: survey.plan.completion_batch(header.shape, header.fields.len()),
+            memory: survey.plan.stored_bricks,
+            header,
+            target,
+            directory,
+        };
+        completion.run(file, progress)
+    })
+}
+
+/// What a cache of `source` would hold, without writing one: everything in its header but the
+/// places of things. Temporary files go to `directory`.
+///
+/// # Errors
+/// As [`ingest`].
+pub fn survey(
+    source: &dyn Source,
+    directory: &Path,
+    options: &Options,
+    progress: &mut Progress<'_>,
+) -> Result<Header> {
+    in_pool(options.threads, || {
+        Ok(survey_in(source, directory, options, false, progress)?.header)
+    })
+}
+
+fn in_pool<T: Send>(threads: Option<usize>, run: impl FnOnce() -> Result<T> + Send) -> Result<T> {
+    let mut builder = rayon::ThreadPoolBuilder::new();
+    if let Some(threads) = threads {
+        builder = builder.num_threads(threads.max(1));
+    }
+    let pool = builder
+        .build()
+        .map_err(|error| Error::request(format!("cannot start threads: {error}")))?;
+    pool.install(run)
+}
+
+/// Passes 1 and 2.
+struct Survey {
+    built: Built,
+    header: Header,
+    plan: Plan,
+}
+
+fn survey_in(
+    source: &dyn Source,
+    directory: &Path,
+    options: &Options,
+    keep_cells: bool,
+    progress: &mut Progress<'_>,
+) -> Result<Survey> {
+    let hierarchy = source.hierarchy();
+    let fields = choose_fields(source, &options.fields)?;
+    let plan = Plan::new(options.memory)?;
+    progress.begin(Stage::Hierarchy, 0);
+    let layout = overlaps::lay_out(source, options.max_level, directory, plan.sort)?;
+    let shape = match options.brick {
+        Some(edge) => BrickShape::new(edge)?,
+        None => overlaps::choose_shape(layout.cubes)?,
+    };
+    let assembler = Assembler {
+        cells: SourceCells::new(source, &layout.grids, &fields, plan.source_cells),
+        shape,
+        root_cells: hierarchy.domain.root_cells(),
+        fields: fields.len(),
+        rules: rules(options, &hierarchy.domain)?,
+        place: source.path().display().to_string(),
+    };
+    progress.begin(Stage::Cells, layout.cubes[shape.edge().trailing_zeros() as usize - 3]);
+    let batch = plan.assembly_batch(shape, fields.len());
+    let domain = &hierarchy.domain;
+    let built = build::build(&layout, &assembler, domain, directory, keep_cells, batch, progress)?;
+    let header = header(source, options, &fields, shape, &layout, &built);
+    Ok(Survey { built, header, plan })
+}
+
+fn choose_fields(source: &dyn Source, names: &[String]) -> Result<Vec<usize>> {
+    let hierarchy = source.hierarchy();
+    let known = || {
+        let names: Vec<&str> = hierarchy.fields.iter().map(|f| f.name.as_str()).collect();
+        names.join(", ")
+    };
+    if names.is_empty() {
+        return hierarchy.density.map(|field| vec![field]).ok_or_else(|| {
+            Error::request(format!(
+                "{}: no density field: choose with --field from {}",
+                source.path().display(),
+                known()
+            ))
+        });
+    }
+    let mut chosen = Vec::new();
+    for name in names {
+        let field = hierarchy.fields.iter().position(|f| f.name.eq_ignore_ascii_case(name));
+        let field = field.ok_or_else(|| {
+            Error::request(format!(
+                "{}: no field `{name}`: there are {}",
+                source.path().display(),
+                known()
+            ))
+        })?;
+        if !chosen.contains(&field) {
+            chosen.push(field);
+        }
+    }
+    Ok(chosen)
+}
+
+fn rules(options: &Options, domain: &Domain) -> Result<Rules> {
+    if !(0.0..1.0).contains(&options.relative_error) {
+        return Err(Error::request(format!(
+            "--error {}: a relative error of at least 0 and below 1 is needed",
+            options.relative_error
+        )));
+    }
+    if options.drop_below.is_some_and(f64::is_nan) {
+        return Err(Error::request("--drop-below NaN: a number is needed"));
+    }
+    let region = options.region.as_ref().map(|corners| region(corners, domain)).transpose()?;
+    let relative_error = options.relative_error;
+    Ok(Rules { drop_below: options.drop_below, region, relative_error })
+}
+
+/// The region in cells of the deepest octree level, rounded outward.
+fn region(corners: &[[Decimal; 3]; 2], domain: &Domain) -> Result<IndexBox> {
+    let [lo, hi] = [domain.position(&corners[0])?, domain.position(&corners[1])?];
+    let shift = FRACTION_BITS - MAX_OCTREE_LEVEL;
+    let region = IndexBox {
+        lo: lo.0.map(|c| c >> shift),
+        hi: hi.0.map(|c| -((-c) >> shift)),
+    };
+    let upper = domain.upper().0.map(|c| c >> shift);
+    if region.intersection(&IndexBox { lo: [0; 3], hi: upper }).is_empty() {
+        return Err(Error::request(
+            "--region: the box is empty or lies outside the domain: give its lower corner, then \
+             its upper one",
+        ));
+    }
+    Ok(region)
+}
+
+fn header(
+    source: &dyn Source,
+    options: &Options,
+    fields: &[usize],
+    shape: BrickShape,
+    layout: &Layout,
+    built: &Built,
+) -> Header {
+    let hierarchy = source.hierarchy();
+    let upper = build::upper_levels(shape, hierarchy.domain.root_cells()) as i32;
+    let mut levels = Vec::with_capacity(built.store.depth());
+    let mut first_node = 0;
+    for (depth, cells) in built.cells.iter().enumerate() {
+        let octree = depth as i32 - upper;
+        let at = u32::try_from(octree).ok();
+        let nodes = built.store.bricks(depth);
+        levels.push(TreeLevel {
+            octree,
+            simulation: at.and_then(|o| hierarchy.levels.simulation(o)).map(|l| l as u32),
+            first_node,
+            nodes,
+            grids: at.and_then(|o| layout.grids_per_level.get(o as usize)).copied().unwrap_or(0),
+            cells: cells.existing,
+            leaf_cells: cells.leaf,
+        });
+        first_node += nodes;
+    }
+    let of_source = fields.iter().map(|&field| &hierarchy.fields[field]);
+    let fields = of_source.zip(&built.tallies).map(|(field, tally)| CachedField {
+        name: field.name.clone(),
+        units: field.units.clone(),
+        to_cgs: field.to_cgs,
+        exponent: tally.exponent(),
+        min: tally.min,
+        max: tally.max,
+        smallest_positive: Some(tally.smallest_positive).filter(|least| least.is_finite()),
+        sum: tally.sum.value(),
+        stored_sum: tally.stored_sum.value(),
+        nan_cells: tally.nan_cells,
+        dropped_cells: tally.dropped_cells,
+        dropped_volume: tally.dropped_volume.value(),
+        dropped_sum: tally.dropped_sum.value(),
+        relative_error: options.relative_error,
+    });
+    Header {
+        file_bytes: 0,
+        source_format: source.format().to_owned(),
+        time: hierarchy.time,
+        domain: hierarchy.domain.clone(),
+        shape,
+        levels,
+        fields: fields.collect(),
+        max_parent_blocks: 0,
+        index_offset: 0,
+        index_pages: 0,
+        page_table_checksum: 0,
+        checksum: 0,
+    }
+}

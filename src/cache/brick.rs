@@ -1,0 +1,148 @@
+//! A brick's content as the cache stores it.
+
+use crate::{Error, Result};
+
+/// Bits of a cell's state.
+pub mod state {
+    /// The level has data here, refined further or not.
+    pub const EXISTS: u8 = 1;
+    /// A finer level covers the cell; its value is the average of what lies beneath.
+    pub const REFINED: u8 = 2;
+    /// Dropped (`--drop-below`, `--region`): emits and absorbs nothing; the stored value is only
+    /// what the interpolant needs beside it.
+    pub const VOID: u8 = 4;
+    /// Beyond the domain: no data; counts as existing beside a border.
+    pub const OUTSIDE: u8 = 8;
+
+    /// Whether the bits can stand together.
+    pub fn is_valid(bits: u8) -> bool {
+        bits == OUTSIDE || bits < 8 && (bits == 0 || bits & EXISTS != 0)
+    }
+}
+
+/// A cube of cells of one level.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Block {
+    /// Cells along an edge.
+    pub side: usize,
+    /// Stored values, x fastest; 0 where a cell has none.
+    pub values: Vec<f32>,
+    /// [`state`] bits, x fastest.
+    pub states: Vec<u8>,
+}
+
+impl Block {
+    /// Index of cell (x, y, z) counted from the block's own lower corner.
+    pub fn at(&self, x: usize, y: usize, z: usize) -> usize {
+        (z * self.side + y) * self.side + x
+    }
+
+    pub(crate) fn reset(&mut self, side: usize) {
+        self.side = side;
+        self.values.clear();
+        self.values.resize(side.pow(3), 0.0);
+        self.states.clear();
+        self.states.resize(side.pow(3), 0);
+    }
+}
+
+/// A decoded payload. `blocks[0]` holds the brick's cells with one ghost cell on every side:
+/// `(B + 2)³`, its first cell at `lo − 1` where `lo` is the brick's lowest cell. `blocks[q]`,
+/// `q ≥ 1`, holds the cells `q` levels up over the same space with one more on every side:
+/// `(max(B >> q, 1) + 2)³`, the first at `(lo >> q) − 1`. Values are bit-identical copies of
+/// what the ancestors' own bricks hold. Cells that do not exist at their level (holes, and
+/// ghosts beside coarser data) have state 0 and no value; the last block has none of those.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RawBrick {
+    /// The brick itself, then its ancestors' blocks, nearest first.
+    pub blocks: Vec<Block>,
+}
+
+impl RawBrick {
+    /// Sets the brick up for `blocks` blocks of shape `shape`, reusing memory.
+    pub(crate) fn reset(&mut self, shape: BrickShape, blocks: usize) {
+        self.blocks.resize_with(blocks, Block::default);
+        for (up, block) in self.blocks.iter_mut().enumerate() {
+            block.reset(shape.side(up));
+        }
+    }
+}
+
+/// How many cells a brick has along an edge, and what follows from it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BrickShape {
+    edge: u32,
+}
+
+impl BrickShape {
+    /// Bricks of `edge`³ cells: 8, 16 or 32.
+    ///
+    /// # Errors
+    /// Any other edge.
+    pub fn new(edge: u32) -> Result<Self> {
+        match edge {
+            8 | 16 | 32 => Ok(Self { edge }),
+            _ => Err(Error::request(format!("bricks of {edge}³ cells: 8, 16 or 32 are supported"))),
+        }
+    }
+
+    /// Cells along an edge, without ghosts.
+    pub fn edge(self) -> usize {
+        self.edge as usize
+    }
+
+    /// Cells of a brick, without ghosts.
+    pub fn cells(self) -> usize {
+        self.edge().pow(3)
+    }
+
+    /// Cells along an edge of the block `up` levels above the brick's, ghosts included.
+    pub fn side(self, up: usize) -> usize {
+        self.edge().checked_shr(u32::try_from(up).unwrap_or(u32::MAX)).unwrap_or(0).max(1) + 2
+    }
+
+    /// Cells in the first `blocks` blocks together.
+    pub fn cells_in_blocks(self, blocks: usize) -> usize {
+        (0..blocks).map(|up| self.side(up).pow(3)).sum()
+    }
+
+    /// Bytes of a payload with `blocks` blocks before compression: a state byte and a 4-byte
+    /// value for each cell.
+    pub fn payload_bytes(self, blocks: usize) -> usize {
+        5 * self.cells_in_blocks(blocks)
+    }
+}
+
+/// Where a brick lies in the octree.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct BrickPlace {
+    /// Position in [`super::Header::levels`]: 0 = root.
+    pub tree_level: usize,
+    /// Octree level of its cells: factor-2 steps below the root grid (may be negative).
+    pub octree: i32,
+    /// Which brick of its level: its lowest cell has index `coordinates · B`.
+    pub coordinates: [i128; 3],
+}
+
+impl BrickPlace {
+    /// The root brick, `upper` levels above the root grid's level.
+    pub fn root(upper: i32) -> Self {
+        Self { tree_level: 0, octree: -upper, coordinates: [0; 3] }
+    }
+
+    /// The brick in octant `octant` (`x + 2y + 4z`), one level down.
+    pub fn child(&self, octant: u8) -> Self {
+        Self {
+            tree_level: self.tree_level + 1,
+            octree: self.octree + 1,
+            coordinates: std::array::from_fn(|a| {
+                2 * self.coordinates[a] + i128::from(octant >> a & 1)
+            }),
+        }
+    }
+
+    /// Index of the lowest cell at the brick's own level.
+    pub fn lowest_cell(&self, shape: BrickShape) -> [i128; 3] {
+        self.coordinates.map(|c| c * i128::from(shape.edge))
+    }
+}

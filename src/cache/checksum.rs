@@ -1,0 +1,19 @@
+//! Checksums: XXH3, 64 bits (Collet, github.com/Cyan4973/xxHash).
+
+use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
+
+/// Checksum of `bytes`.
+pub(super) fn checksum(bytes: &[u8]) -> u64 {
+    xxh3_64(bytes)
+}
+
+/// Checksum of `bytes` that also names their place, so that two sound pieces that changed places
+/// are found.
+pub(super) fn checksum_at(place: u64, bytes: &[u8]) -> u64 {
+    xxh3_64_with_seed(bytes, place)
+}
+
+/// What a payload's checksum is seeded with: its brick and field.
+pub(super) fn payload_place(node: u64, field: usize) -> u64 {
+    node.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ field as u64
+}

@@ -1,0 +1,253 @@
+//! Opening a cache and reading its bricks.
+
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+use super::brick::{RawBrick, state};
+use super::bytes::ByteReader;
+use super::checksum::{checksum, checksum_at, payload_place};
+use super::codec::{Decoder, stored_bytes_limit};
+use super::header::{Header, MAGIC, MAX_HEADER_BYTES, PREFIX_BYTES, VERSION};
+use super::index::{Cursor, Index};
+use super::record::{FieldRecord, NodeRecord};
+use crate::{Error, Result};
+
+/// An open cache. Opening reads the header and the table of page checksums, nothing else.
+pub struct Cache {
+    file: File,
+    path: PathBuf,
+    header: Header,
+    header_bytes: u64,
+    index: Index,
+}
+
+impl Cache {
+    /// Opens the cache at `path`, mapping at most `index_windows` windows of its index
+    /// ([`super::WINDOW_BYTES`] each) at a time.
+    ///
+    /// # Errors
+    /// A file that is no cache, is of another version, truncated or damaged.
+    pub fn open(path: &Path, index_windows: usize) -> Result<Self> {
+        let failed = |source| Error::io(path, "cannot read the cache", source);
+        let file = File::open(path).map_err(failed)?;
+        let length = file.metadata().map_err(failed)?.len();
+        let (header, header_bytes) = read_header(&file, path, length)?;
+        if length != header.file_bytes {
+            let how = if length < header.file_bytes { "truncated" } else { "longer than it says" };
+            return Err(Error::invalid(
+                path.display(),
+                format!(
+                    "the cache is {how}: {length} bytes instead of {}; ingest the data again",
+                    header.file_bytes
+                ),
+            ));
+        }
+        let table = read_page_table(&file, path, &header)?;
+        let index_file = file.try_clone().map_err(failed)?;
+        let index = Index::new(index_file, path.to_path_buf(), table, index_windows);
+        Ok(Self { file, path: path.to_path_buf(), header, header_bytes, index })
+    }
+
+    /// Whether the file at `path` begins as a cache does.
+    pub fn is_cache(path: &Path) -> bool {
+        let mut magic = [0; MAGIC.len()];
+        File::open(path).is_ok_and(|file| {
+            file.read_exact_at(&mut magic, 0).is_ok() && magic == MAGIC
+        })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What the cache holds.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// Sets how many windows of the index may be mapped at a time: at least
+    /// [`Cursor::WINDOWS`] for each cursor, and one more.
+    pub fn set_index_windows(&self, windows: usize) {
+        self.index.set_limit(windows);
+    }
+
+    /// A reader of the index for one thread.
+    pub fn cursor(&self) -> Cursor<'_> {
+        Cursor::new(&self.index, &self.header)
+    }
+
+    /// Most bytes that one [`Decoder`] holds when it reads this cache's bricks.
+    pub fn decoder_bytes(&self) -> u64 {
+        Decoder::bytes(self.header.shape, usize::from(self.header.max_parent_blocks) + 1)
+    }
+
+    /// Bytes before the first payload.
+    pub(super) fn header_bytes(&self) -> u64 {
+        self.header_bytes
+    }
+
+    /// The cache's file, for checks of what no brick owns.
+    pub(super) fn file(&self) -> &File {
+        &self.file
+    }
+
+    /// Reads brick `node`'s payload of field `field` into `brick`, checked against its checksum,
+    /// its records and the tree.
+    ///
+    /// # Errors
+    /// A payload that cannot be read, is damaged, or contradicts its records.
+    pub fn read_brick(
+        &self,
+        node: u64,
+        node_record: &NodeRecord,
+        field: usize,
+        record: &FieldRecord,
+        decoder: &mut Decoder,
+        brick: &mut RawBrick,
+    ) -> Result<()> {
+        let damaged = |reason: &str| {
+            let level = self.header.levels[self.header.level_of(node)].octree;
+            let name = self.header.fields.get(field).map_or("?", |f| f.name.as_str());
+            Error::invalid(
+                self.path.display(),
+                format!(
+                    "brick {node} (octree level {level}), field {name}, is damaged: {reason}; \
+                     ingest the data again"
+                ),
+            )
+        };
+        let shape = self.header.shape;
+        let blocks = usize::from(record.parent_blocks) + 1;
+        let length = record.stored_bytes as usize;
+        if record.is_void() || length > stored_bytes_limit(shape.payload_bytes(blocks)) {
+            return Err(damaged("its length is none that a payload has"));
+        }
+        if record.offset < self.header_bytes {
+            return Err(damaged("it lies in the header"));
+        }
+        decoder.stored.clear();
+        decoder.stored.resize(length, 0);
+        self.file
+            .read_exact_at(&mut decoder.stored, record.offset)
+            .map_err(|source| Error::io(&self.path, format!("cannot read brick {node}"), source))?;
+        if checksum_at(payload_place(node, field), &decoder.stored) != record.checksum {
+            return Err(damaged("its checksum differs"));
+        }
+        decoder.decode(shape, blocks, brick).map_err(damaged)?;
+        check_brick(shape.edge(), node_record, record, brick).map_err(damaged)
+    }
+}
+
+fn read_header(file: &File, path: &Path, length: u64) -> Result<(Header, u64)> {
+    let failed = |source| Error::io(path, "cannot read the header", source);
+    let refuse = |reason: &str| Error::invalid(path.display(), reason);
+    let mut prefix = [0; PREFIX_BYTES];
+    if length < PREFIX_BYTES as u64 {
+        return Err(refuse("not a deepfield cache: it is too short"));
+    }
+    file.read_exact_at(&mut prefix, 0).map_err(failed)?;
+    if prefix[..MAGIC.len()] != MAGIC {
+        return Err(refuse("not a deepfield cache: make one with `deepfield ingest`"));
+    }
+    let mut bytes = ByteReader::new(&prefix[MAGIC.len()..]);
+    let (Some(version), Some(header_bytes), Some(expected)) =
+        (bytes.u32(), bytes.u32(), bytes.u64())
+    else {
+        return Err(refuse("not a deepfield cache: it is too short"));
+    };
+    if version != VERSION {
+        return Err(Error::not_supported(
+            path.display(),
+            format!("cache version {version}, this program reads {VERSION}: ingest the data again"),
+        ));
+    }
+    let fits = u64::from(header_bytes) <= length && header_bytes <= MAX_HEADER_BYTES;
+    let body_bytes = (header_bytes as usize).checked_sub(PREFIX_BYTES).filter(|_| fits);
+    let Some(body_bytes) = body_bytes else {
+        return Err(refuse("the cache is truncated or its header damaged: ingest the data again"));
+    };
+    let mut body = vec![0; body_bytes];
+    file.read_exact_at(&mut body, PREFIX_BYTES as u64).map_err(failed)?;
+    if checksum(&body) != expected {
+        return Err(refuse("the cache's header is damaged (checksum): ingest the data again"));
+    }
+    let header = Header::from_body(&body, expected)
+        .map_err(|why| Error::invalid(path.display(), format!("damaged: {why}")))?;
+    if header.index_offset < u64::from(header_bytes) {
+        return Err(refuse("damaged: its index lies in its header"));
+    }
+    Ok((header, u64::from(header_bytes)))
+}
+
+/// The header's check has bounded the table by the file's size.
+fn read_page_table(file: &File, path: &Path, header: &Header) -> Result<Vec<u64>> {
+    let bytes = header.index_pages * 8;
+    let mut table = vec![0; usize::try_from(bytes).unwrap_or(0)];
+    file.read_exact_at(&mut table, header.file_bytes - bytes)
+        .map_err(|source| Error::io(path, "cannot read the table of checksums", source))?;
+    if checksum(&table) != header.page_table_checksum {
+        return Err(Error::invalid(
+            path.display(),
+            "the table of index checksums is damaged: ingest the data again",
+        ));
+    }
+    let words = table.chunks_exact(8);
+    Ok(words.map(|w| w.try_into().map_or(0, u64::from_le_bytes)).collect())
+}
+
+/// Whether a decoded payload is what its records say.
+fn check_brick(
+    edge: usize,
+    node: &NodeRecord,
+    record: &FieldRecord,
+    brick: &RawBrick,
+) -> std::result::Result<(), &'static str> {
+    let nan = record.has_nan(true);
+    for block in &brick.blocks {
+        let sound = block.values.iter().zip(&block.states).all(|(&value, &bits)| {
+            bits & state::EXISTS == 0
+                || (record.own[0] <= value && value <= record.own[1])
+                || (nan && value.is_nan())
+        });
+        if !sound {
+            return Err("a value lies outside the range that the index gives");
+        }
+    }
+    let complete = |bits: &u8| bits & (state::EXISTS | state::OUTSIDE) != 0;
+    if !brick.blocks.last().is_some_and(|block| block.states.iter().all(complete)) {
+        return Err("its last block has holes");
+    }
+    check_cells(edge, node, brick)
+}
+
+/// Counts and children must agree with the cells' states.
+fn check_cells(
+    edge: usize,
+    node: &NodeRecord,
+    brick: &RawBrick,
+) -> std::result::Result<(), &'static str> {
+    let Some(block) = brick.blocks.first() else { return Err("it has no cells") };
+    let (mut existing, mut refined, mut octants) = (0, 0, 0u8);
+    for z in 0..edge {
+        for y in 0..edge {
+            let start = block.at(1, y + 1, z + 1);
+            let upper = (2 * y / edge) << 1 | (2 * z / edge) << 2;
+            for (x, bits) in block.states[start..start + edge].iter().enumerate() {
+                existing += u32::from(bits & state::EXISTS);
+                if bits & state::REFINED != 0 {
+                    refined += 1;
+                    octants |= 1 << (2 * x / edge | upper);
+                }
+            }
+        }
+    }
+    if existing != node.existing_cells || refined != node.refined_cells {
+        return Err("it has other cells than the index counts");
+    }
+    if octants != node.child_mask {
+        return Err("its refined cells are not where it has children");
+    }
+    Ok(())
+}

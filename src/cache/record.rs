@@ -1,0 +1,153 @@
+//! The index' fixed-size records: one [`NodeRecord`] per brick, and per field one
+//! [`FieldRecord`].
+
+use super::bytes::{ByteReader, ByteWriter};
+
+/// What the index says of a brick and what lies beneath it, whatever the field.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct NodeRecord {
+    /// Index of the first child; children of a node lie one after another, in the order of the
+    /// set bits of `child_mask`. 0 without children.
+    pub first_child: u64,
+    /// Index of the parent; the root's own for the root.
+    pub parent: u64,
+    /// Number of bricks beneath this one.
+    pub descendants: u64,
+    /// Cells of the simulation's own level that no finer level covers.
+    pub leaf_cells: u32,
+    /// Cells at which the level has data, refined further or not.
+    pub existing_cells: u32,
+    /// Existing cells that are refined further.
+    pub refined_cells: u32,
+    /// Which octants have a child: bit `x + 2y + 4z`.
+    pub child_mask: u8,
+    /// Number of levels beneath.
+    pub depth: u8,
+    /// The brick's own octant in its parent, `x + 2y + 4z`; 0 for the root.
+    pub octant: u8,
+}
+
+impl NodeRecord {
+    /// Bytes on disk.
+    pub const BYTES: usize = 40;
+
+    /// Index of the child in octant `octant` (`x + 2y + 4z`), if there is one.
+    pub fn child(&self, octant: u8) -> Option<u64> {
+        let bit = 1u8 << octant;
+        (self.child_mask & bit != 0).then(|| {
+            self.first_child + u64::from((self.child_mask & (bit - 1)).count_ones())
+        })
+    }
+
+    pub(crate) fn write(&self, bytes: &mut ByteWriter) {
+        bytes.u64(self.first_child);
+        bytes.u64(self.parent);
+        bytes.u64(self.descendants);
+        bytes.u32(self.leaf_cells);
+        bytes.u32(self.existing_cells);
+        bytes.u32(self.refined_cells);
+        bytes.u8(self.child_mask);
+        bytes.u8(self.depth);
+        bytes.u8(self.octant);
+        bytes.u8(0);
+    }
+
+    pub(crate) fn read(bytes: &mut ByteReader<'_>) -> Option<Self> {
+        let record = Self {
+            first_child: bytes.u64()?,
+            parent: bytes.u64()?,
+            descendants: bytes.u64()?,
+            leaf_cells: bytes.u32()?,
+            existing_cells: bytes.u32()?,
+            refined_cells: bytes.u32()?,
+            child_mask: bytes.u8()?,
+            depth: bytes.u8()?,
+            octant: bytes.u8()?,
+        };
+        (bytes.u8()? == 0 && record.octant < 8).then_some(record)
+    }
+}
+
+/// What the index says of one field in a brick. Values are as stored: the field's value is
+/// `stored · 2^exponent` with the exponent of [`super::CachedField`].
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct FieldRecord {
+    /// Where the payload lies in the file.
+    pub offset: u64,
+    /// Checksum of the payload's stored bytes and the brick's index.
+    pub checksum: u64,
+    /// Stored (compressed) bytes; 0 where there is no payload ([`Self::is_void`]).
+    pub stored_bytes: u32,
+    /// [min, max] over everything in the payload: encloses what the interpolant takes in the
+    /// brick's box when the brick itself is drawn. NaN cells are not in it.
+    pub own: [f32; 2],
+    /// [min, max] that encloses what the interpolant takes in the box at any level from this
+    /// one down. NaN cells are not in it.
+    pub tree: [f32; 2],
+    /// Bound of |own interpolant − finest interpolant| in the box, unscaled values.
+    pub residual_linear: f32,
+    /// The same for interpolants of log10 of the field's value (floored as the contract says).
+    pub residual_log10: f32,
+    /// [`Self::VOID`] | [`Self::NAN_OWN`] | [`Self::NAN_TREE`].
+    pub flags: u8,
+    /// Number of ancestors' blocks in the payload.
+    pub parent_blocks: u8,
+}
+
+impl FieldRecord {
+    /// Bytes on disk.
+    pub const BYTES: usize = 48;
+    /// Nothing in the box, at any level, emits or absorbs: all was dropped, or lies outside.
+    pub const VOID: u8 = 1;
+    /// The payload holds NaN.
+    pub const NAN_OWN: u8 = 2;
+    /// The payload or one beneath holds NaN.
+    pub const NAN_TREE: u8 = 4;
+
+    /// Whether there is nothing to draw in the box at any level, and no payload.
+    pub fn is_void(&self) -> bool {
+        self.flags & Self::VOID != 0
+    }
+
+    /// Whether NaN cells may be drawn from this brick (`own`) or from it and those beneath.
+    pub fn has_nan(&self, own: bool) -> bool {
+        self.flags & if own { Self::NAN_OWN } else { Self::NAN_TREE } != 0
+    }
+
+    pub(crate) fn write(&self, bytes: &mut ByteWriter) {
+        bytes.u64(self.offset);
+        bytes.u64(self.checksum);
+        bytes.u32(self.stored_bytes);
+        for value in [self.own[0], self.own[1], self.tree[0], self.tree[1]] {
+            bytes.f32(value);
+        }
+        bytes.f32(self.residual_linear);
+        bytes.f32(self.residual_log10);
+        bytes.u8(self.flags);
+        bytes.u8(self.parent_blocks);
+        bytes.u8(0);
+        bytes.u8(0);
+    }
+
+    pub(crate) fn read(bytes: &mut ByteReader<'_>) -> Option<Self> {
+        let record = Self {
+            offset: bytes.u64()?,
+            checksum: bytes.u64()?,
+            stored_bytes: bytes.u32()?,
+            own: [bytes.f32()?, bytes.f32()?],
+            tree: [bytes.f32()?, bytes.f32()?],
+            residual_linear: bytes.f32()?,
+            residual_log10: bytes.f32()?,
+            flags: bytes.u8()?,
+            parent_blocks: bytes.u8()?,
+        };
+        let tail = bytes.u8()? == 0 && bytes.u8()? == 0 && record.flags < 8;
+        let enclosed = record.tree[0] <= record.own[0] && record.own[1] <= record.tree[1];
+        let ordered = record.own[0] <= record.own[1] || record.own == EMPTY_RANGE;
+        let residuals = record.residual_linear >= 0.0 && record.residual_log10 >= 0.0;
+        (tail && enclosed && ordered && residuals).then_some(record)
+    }
+}
+
+/// The [min, max] of nothing: all cells NaN, or none.
+pub(crate) const EMPTY_RANGE: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];

@@ -1,0 +1,307 @@
+//! Pass 2, one brick: its cells from source grids and from the averages of its children.
+
+use super::cells::SourceCells;
+use super::tally::{Tally, exponent, round_mantissa, times_power_of_two};
+use super::upward::{Averages, Upward, average};
+use crate::cache::{BrickShape, state};
+use crate::space::IndexBox;
+use crate::{Error, Result};
+
+/// Largest magnitude that is taken: sums of eight stay finite.
+const LARGEST: f64 = 1e300;
+
+/// What is left out of the cache, and how values are stored.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Rules {
+    /// Values below this are dropped.
+    pub(super) drop_below: Option<f64>,
+    /// Only leaf cells that reach into this box, at octree level 60, are kept.
+    pub(super) region: Option<IndexBox>,
+    /// Largest relative error of a stored value.
+    pub(super) relative_error: f64,
+}
+
+/// A brick to be assembled.
+pub(super) struct Job {
+    pub(super) octree: i32,
+    pub(super) coordinates: [u128; 3],
+    /// Grids (numbers) that reach into it.
+    pub(super) grids: Vec<u64>,
+    /// Children that it has.
+    pub(super) children: Vec<Upward>,
+}
+
+/// One field of an assembled brick.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct FieldCells {
+    /// The values are `values · 2^exponent`.
+    pub(super) exponent: i32,
+    /// [`state`] bits, B³, x fastest.
+    pub(super) states: Vec<u8>,
+    /// B³, x fastest.
+    pub(super) values: Vec<f32>,
+}
+
+/// How many cells of which kind a brick has.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Counts {
+    pub(super) existing: u32,
+    pub(super) refined: u32,
+    pub(super) leaf: u32,
+}
+
+/// An assembled brick.
+pub(super) struct Assembled {
+    pub(super) counts: Counts,
+    pub(super) fields: Vec<FieldCells>,
+    pub(super) upward: Upward,
+    pub(super) tallies: Vec<Tally>,
+}
+
+/// Assembles bricks of one data set.
+pub(super) struct Assembler<'s> {
+    pub(super) cells: SourceCells<'s>,
+    pub(super) shape: BrickShape,
+    pub(super) root_cells: [u64; 3],
+    pub(super) fields: usize,
+    pub(super) rules: Rules,
+    /// The source's path, for messages.
+    pub(super) place: String,
+}
+
+impl Assembler<'_> {
+    /// The brick's cells, its averages for the parent, and what it counts.
+    pub(super) fn assemble(&self, job: &Job) -> Result<Assembled> {
+        let mut assembled = Assembled {
+            counts: Counts::default(),
+            fields: Vec::with_capacity(self.fields),
+            upward: Upward { coordinates: job.coordinates, fields: Vec::new() },
+            tallies: Vec::new(),
+        };
+        for field in 0..self.fields {
+            let mut draft = Draft::new(self.shape, job, self.root_cells);
+            self.fill_from_grids(job, field, &mut draft)?;
+            for child in &job.children {
+                draft.take_averages(child.octant(), &child.fields[field]);
+            }
+            self.check_complete(job, &draft)?;
+            let mut tally = Tally::default();
+            assembled.counts = self.finish_leaves(job, &mut draft, &mut tally);
+            let averages = average(self.shape.edge(), &draft.states, &draft.values, &draft.weights)
+                .map_err(|cell| self.partial(job, cell))?;
+            assembled.upward.fields.push(averages);
+            assembled.fields.push(draft.store(self.rules.relative_error, &mut tally));
+            assembled.tallies.push(tally);
+        }
+        Ok(assembled)
+    }
+
+    fn fill_from_grids(&self, job: &Job, field: usize, draft: &mut Draft) -> Result<()> {
+        let wanted = draft.cells;
+        for &number in &job.grids {
+            self.cells.rows(number, field, &wanted, &mut |first, values| {
+                let start = draft.index(first);
+                for (i, &value) in values.iter().enumerate() {
+                    if draft.states[start + i] & state::EXISTS != 0 {
+                        return Err(self.overlap(job, number, first)?);
+                    }
+                    if value.abs() > LARGEST {
+                        return Err(self.too_large(number, first, i, value)?);
+                    }
+                    draft.states[start + i] |= state::EXISTS;
+                    draft.values[start + i] = value;
+                }
+                Ok(())
+            })?;
+        }
+        Ok(())
+    }
+
+    /// The root grid must cover the domain: whatever lies above it is averaged from it.
+    fn check_complete(&self, job: &Job, draft: &Draft) -> Result<()> {
+        let missing = (job.octree == 0).then(|| draft.states.iter().position(|&bits| bits == 0));
+        match missing.flatten() {
+            None => Ok(()),
+            Some(at) => Err(Error::invalid(
+                &self.place,
+                format!("no grid covers root cell {:?}", draft.cell(at)),
+            )),
+        }
+    }
+
+    /// Marks dropped leaf cells and counts the others.
+    fn finish_leaves(&self, job: &Job, draft: &mut Draft, tally: &mut Tally) -> Counts {
+        let mut counts = Counts::default();
+        for at in 0..draft.states.len() {
+            let bits = draft.states[at];
+            if bits & state::EXISTS == 0 {
+                continue;
+            }
+            counts.existing += 1;
+            if bits & state::REFINED != 0 {
+                counts.refined += 1;
+                continue;
+            }
+            counts.leaf += 1;
+            let value = draft.values[at];
+            let dropped = self.rules.drop_below.is_some_and(|least| value < least)
+                || !self.in_region(job.octree, draft.cell(at));
+            if dropped {
+                draft.states[at] |= state::VOID;
+                draft.values[at] = 0.0;
+                tally.dropped_cells += 1;
+                tally.dropped_sum.add(if value.is_nan() { 0.0 } else { value });
+            } else if value.is_nan() {
+                tally.nan_cells += 1;
+            } else {
+                tally.count(value);
+            }
+        }
+        counts
+    }
+
+    fn in_region(&self, octree: i32, cell: [i128; 3]) -> bool {
+        let Some(region) = &self.rules.region else { return true };
+        let shift = i64::from(crate::space::MAX_OCTREE_LEVEL) - i64::from(octree);
+        (0..3).all(|a| cell[a] << shift < region.hi[a] && region.lo[a] < (cell[a] + 1) << shift)
+    }
+
+    fn overlap(&self, job: &Job, number: u64, first: [i128; 3]) -> Result<Error> {
+        let grid = self.cells.grid(number)?;
+        let mut other = None;
+        for &candidate in &job.grids {
+            let record = self.cells.grid(candidate)?;
+            if candidate != number && !record.cells().intersection(&grid.cells()).is_empty() {
+                other = Some(record.id);
+            }
+        }
+        let other = other.map_or_else(|| "another grid".to_owned(), |id| format!("grid {id}"));
+        Ok(Error::invalid(
+            &self.place,
+            format!(
+                "grid {} overlaps {other} of the same level {} near cell {first:?}",
+                grid.id, grid.level
+            ),
+        ))
+    }
+
+    fn too_large(&self, number: u64, first: [i128; 3], at: usize, value: f64) -> Result<Error> {
+        let grid = self.cells.grid(number)?;
+        let mut cell = first;
+        cell[0] += at as i128;
+        let (id, level) = (grid.id, grid.level);
+        let what = if value.is_finite() { "beyond ±1e300" } else { "infinite" };
+        Ok(Error::invalid(
+            &self.place,
+            format!("grid {id}: the value in cell {cell:?} of level {level} is {what}"),
+        ))
+    }
+
+    fn partial(&self, job: &Job, cell: [usize; 3]) -> Error {
+        let first = Draft::first_cell(self.shape, job);
+        let cell: [i128; 3] = std::array::from_fn(|a| first[a] + cell[a] as i128);
+        Error::invalid(
+            &self.place,
+            format!(
+                "grids begin or end inside a cell of the level above, at cell {cell:?} of octree \
+                 level {}: grids must cover whole coarser cells",
+                job.octree
+            ),
+        )
+    }
+}
+
+/// One field of a brick while it is assembled: B³ cells, x fastest.
+struct Draft {
+    edge: usize,
+    cells: IndexBox,
+    states: Vec<u8>,
+    values: Vec<f64>,
+    /// As in [`Averages`]; empty while all are 1.
+    weights: Vec<f64>,
+}
+
+impl Draft {
+    fn first_cell(shape: BrickShape, job: &Job) -> [i128; 3] {
+        job.coordinates.map(|c| c as i128 * shape.edge() as i128)
+    }
+
+    fn new(shape: BrickShape, job: &Job, root_cells: [u64; 3]) -> Self {
+        let edge = shape.edge();
+        let first = Self::first_cell(shape, job);
+        let cells = IndexBox::at(first, [edge as u32; 3]);
+        let mut draft = Self {
+            edge,
+            cells,
+            states: vec![0; shape.cells()],
+            values: vec![0.0; shape.cells()],
+            weights: Vec::new(),
+        };
+        let end = root_cells.map(|n| {
+            let n = i128::from(n);
+            if job.octree >= 0 { n << job.octree } else { -((-n) >> -job.octree) }
+        });
+        if (0..3).any(|a| cells.hi[a] > end[a]) {
+            for at in 0..draft.states.len() {
+                let cell = draft.cell(at);
+                if (0..3).any(|a| cell[a] >= end[a]) {
+                    draft.states[at] = state::OUTSIDE;
+                }
+            }
+        }
+        draft
+    }
+
+    /// The level index of the brick's cell number `at`.
+    fn cell(&self, at: usize) -> [i128; 3] {
+        let local = [at % self.edge, at / self.edge % self.edge, at / self.edge / self.edge];
+        std::array::from_fn(|a| self.cells.lo[a] + local[a] as i128)
+    }
+
+    fn index(&self, cell: [i128; 3]) -> usize {
+        let local = |a: usize| (cell[a] - self.cells.lo[a]) as usize;
+        (local(2) * self.edge + local(1)) * self.edge + local(0)
+    }
+
+    /// Puts a child's averages into its octant.
+    fn take_averages(&mut self, octant: u8, averages: &Averages) {
+        let half = self.edge / 2;
+        let offset = |a: u8| usize::from(octant >> a & 1) * half;
+        if !averages.weights.is_empty() && self.weights.is_empty() {
+            self.weights = vec![1.0; self.states.len()];
+        }
+        for (from, &bits) in averages.states.iter().enumerate() {
+            if bits == 0 {
+                continue;
+            }
+            let (x, y, z) = (from % half, from / half % half, from / half / half);
+            let to = ((z + offset(2)) * self.edge + y + offset(1)) * self.edge + x + offset(0);
+            self.states[to] = bits;
+            self.values[to] = averages.values[from];
+            if let Some(&weight) = averages.weights.get(from) {
+                self.weights[to] = weight;
+            }
+        }
+    }
+
+    /// The field as it is stored.
+    fn store(self, relative_error: f64, tally: &mut Tally) -> FieldCells {
+        let (mut largest, mut smallest) = (0.0f64, f64::INFINITY);
+        for value in self.values.iter().filter(|value| **value != 0.0) {
+            largest = largest.max(value.abs());
+            smallest = smallest.min(value.abs());
+        }
+        let power = exponent(largest, smallest);
+        let store = |&value: &f64| {
+            let scaled = if power == 0 { value } else { times_power_of_two(value, -power) };
+            round_mantissa(scaled as f32, relative_error)
+        };
+        let values: Vec<f32> = self.values.iter().map(store).collect();
+        for (&value, &bits) in values.iter().zip(&self.states) {
+            if bits == state::EXISTS && !value.is_nan() {
+                tally.stored_sum.add(times_power_of_two(f64::from(value), power));
+            }
+        }
+        FieldCells { exponent: power, states: self.states, values }
+    }
+}

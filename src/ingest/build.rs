@@ -1,0 +1,170 @@
+//! Pass 2: all bricks of all levels, from the finest level to the root.
+
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use super::Progress;
+use super::assemble::{Assembled, Assembler, Job};
+use super::morton;
+use super::overlaps::{CUBE_EDGE, Layout, Overlap};
+use super::sort::Merge;
+use super::spool::Spool;
+use super::store::{BrickStore, Topology};
+use super::tally::Tally;
+use super::upward::{UpwardLevel, UpwardReader};
+use crate::Result;
+use crate::cache::BrickShape;
+use crate::space::Domain;
+
+/// Cells of one level.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct LevelCells {
+    pub(super) existing: u64,
+    pub(super) leaf: u64,
+}
+
+/// What pass 2 found.
+pub(super) struct Built {
+    pub(super) store: BrickStore,
+    /// Cells of each tree level, the root's first.
+    pub(super) cells: Vec<LevelCells>,
+    /// Per field.
+    pub(super) tallies: Vec<Tally>,
+}
+
+/// Number of averaged levels above the root grid: as many as a single brick needs to cover the
+/// domain.
+pub(super) fn upper_levels(shape: BrickShape, root_cells: [u64; 3]) -> u32 {
+    let most = root_cells.into_iter().max().unwrap_or(1);
+    let bricks = most.div_ceil(shape.edge() as u64);
+    bricks.next_power_of_two().trailing_zeros()
+}
+
+/// Assembles everything. `batch` bricks are in memory at a time.
+pub(super) fn build(
+    layout: &Layout,
+    assembler: &Assembler<'_>,
+    domain: &Domain,
+    directory: &Path,
+    keep_cells: bool,
+    batch: usize,
+    progress: &mut Progress<'_>,
+) -> Result<Built> {
+    let shape = assembler.shape;
+    let deepest = layout.grids_per_level.len() as i32 - 1;
+    let upper = upper_levels(shape, domain.root_cells()) as i32;
+    let mut built = Built {
+        store: BrickStore::new(directory, shape, assembler.fields, keep_cells)?,
+        cells: Vec::new(),
+        tallies: vec![Tally::default(); assembler.fields],
+    };
+    let mut overlaps = layout.overlaps.iter()?;
+    let mut below = UpwardLevel::new(Spool::new(directory)?, shape, assembler.fields);
+    for octree in (-upper..=deepest).rev() {
+        built.store.begin_level();
+        built.cells.push(LevelCells::default());
+        let above = UpwardLevel::new(Spool::new(directory)?, shape, assembler.fields);
+        let mut level = LevelBuilder {
+            octree,
+            shape,
+            volume: domain.cell_width(octree).element_product(),
+            children: below.reader()?,
+            children_taken: 0,
+            above,
+        };
+        loop {
+            let jobs = level.next_jobs(&mut overlaps, batch)?;
+            if jobs.is_empty() {
+                break;
+            }
+            let done: Vec<Result<Assembled>> =
+                jobs.par_iter().map(|job| assembler.assemble(job)).collect();
+            for (job, assembled) in jobs.iter().zip(done) {
+                level.take(job, &assembled?, &mut built)?;
+            }
+            progress.advance(jobs.len() as u64);
+        }
+        level.above.flush()?;
+        below = level.above;
+    }
+    built.store.flush()?;
+    built.cells.reverse();
+    Ok(built)
+}
+
+/// The bricks of one level, in Morton order.
+struct LevelBuilder<'b> {
+    octree: i32,
+    shape: BrickShape,
+    volume: f64,
+    children: UpwardReader<'b>,
+    children_taken: u64,
+    above: UpwardLevel,
+}
+
+impl LevelBuilder<'_> {
+    /// The next bricks, up to `batch`: those that grids reach into and those that have children.
+    fn next_jobs(&mut self, overlaps: &mut Merge<'_, Overlap>, batch: usize) -> Result<Vec<Job>> {
+        let mut jobs = Vec::with_capacity(batch);
+        while jobs.len() < batch {
+            let from_grids = overlaps
+                .peek()
+                .filter(|overlap| i64::from(overlap.octree) == i64::from(self.octree))
+                .map(|overlap| self.brick_of(overlap));
+            let from_children = self.children.peek().map(super::upward::Upward::parent);
+            let coordinates = match (from_grids, from_children) {
+                (None, None) => break,
+                (Some(one), None) | (None, Some(one)) => one,
+                (Some(a), Some(b)) => if morton::compare(&a, &b).is_le() { a } else { b },
+            };
+            jobs.push(self.job(coordinates, overlaps)?);
+        }
+        Ok(jobs)
+    }
+
+    fn brick_of(&self, overlap: &Overlap) -> [u128; 3] {
+        let shift = self.shape.edge().trailing_zeros() - CUBE_EDGE.trailing_zeros();
+        overlap.cube.map(|c| c >> shift)
+    }
+
+    fn job(&mut self, coordinates: [u128; 3], overlaps: &mut Merge<'_, Overlap>) -> Result<Job> {
+        let mut job =
+            Job { octree: self.octree, coordinates, grids: Vec::new(), children: Vec::new() };
+        while overlaps.peek().is_some_and(|overlap| {
+            i64::from(overlap.octree) == i64::from(self.octree)
+                && self.brick_of(overlap) == coordinates
+        }) {
+            if let Some(overlap) = overlaps.next()? {
+                job.grids.push(overlap.grid);
+            }
+        }
+        job.grids.sort_unstable();
+        job.grids.dedup();
+        while self.children.peek().is_some_and(|child| child.parent() == coordinates) {
+            job.children.extend(self.children.next()?);
+        }
+        Ok(job)
+    }
+
+    /// Files an assembled brick.
+    fn take(&mut self, job: &Job, assembled: &Assembled, built: &mut Built) -> Result<()> {
+        let topology = Topology {
+            first_child: self.children_taken,
+            child_mask: job.children.iter().fold(0, |mask, child| mask | 1 << child.octant()),
+            octant: assembled.upward.octant(),
+            counts: assembled.counts,
+        };
+        self.children_taken += job.children.len() as u64;
+        built.store.push(topology, &assembled.fields)?;
+        self.above.push(&assembled.upward)?;
+        for (tally, brick) in built.tallies.iter_mut().zip(&assembled.tallies) {
+            tally.merge(brick, self.volume);
+        }
+        if let Some(cells) = built.cells.last_mut() {
+            cells.existing += u64::from(assembled.counts.existing);
+            cells.leaf += u64::from(assembled.counts.leaf);
+        }
+        Ok(())
+    }
+}

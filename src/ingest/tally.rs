@@ -1,0 +1,170 @@
+//! Extrema and sums over leaf cells.
+
+/// A sum whose rounding errors are carried along (Neumaier, ZAMM 54, 1974).
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Sum {
+    sum: f64,
+    carried: f64,
+}
+
+impl Sum {
+    pub(super) fn add(&mut self, value: f64) {
+        let sum = self.sum + value;
+        self.carried += if self.sum.abs() >= value.abs() {
+            (self.sum - sum) + value
+        } else {
+            (value - sum) + self.sum
+        };
+        self.sum = sum;
+    }
+
+    pub(super) fn value(self) -> f64 {
+        self.sum + self.carried
+    }
+}
+
+/// What is counted of one field: over leaf cells that are neither dropped nor NaN where nothing
+/// else is said.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Tally {
+    pub(super) min: f64,
+    pub(super) max: f64,
+    pub(super) smallest_positive: f64,
+    pub(super) smallest_magnitude: f64,
+    pub(super) sum: Sum,
+    pub(super) stored_sum: Sum,
+    pub(super) nan_cells: u64,
+    pub(super) dropped_cells: u64,
+    pub(super) dropped_volume: Sum,
+    pub(super) dropped_sum: Sum,
+}
+
+impl Default for Tally {
+    fn default() -> Self {
+        Self {
+            min: f64::INFINITY,
+            max: f64::NEG_INFINITY,
+            smallest_positive: f64::INFINITY,
+            smallest_magnitude: f64::INFINITY,
+            sum: Sum::default(),
+            stored_sum: Sum::default(),
+            nan_cells: 0,
+            dropped_cells: 0,
+            dropped_volume: Sum::default(),
+            dropped_sum: Sum::default(),
+        }
+    }
+}
+
+impl Tally {
+    /// Counts a leaf cell's value.
+    pub(super) fn count(&mut self, value: f64) {
+        self.min = self.min.min(value);
+        self.max = self.max.max(value);
+        if value > 0.0 {
+            self.smallest_positive = self.smallest_positive.min(value);
+        }
+        if value != 0.0 {
+            self.smallest_magnitude = self.smallest_magnitude.min(value.abs());
+        }
+        self.sum.add(value);
+    }
+
+    /// Takes in what a brick counted whose cells have volume `volume`. Bricks come in one order
+    /// whatever the number of threads, so sums do not depend on it.
+    pub(super) fn merge(&mut self, brick: &Self, volume: f64) {
+        self.min = self.min.min(brick.min);
+        self.max = self.max.max(brick.max);
+        self.smallest_positive = self.smallest_positive.min(brick.smallest_positive);
+        self.smallest_magnitude = self.smallest_magnitude.min(brick.smallest_magnitude);
+        self.sum.add(brick.sum.value() * volume);
+        self.stored_sum.add(brick.stored_sum.value() * volume);
+        self.nan_cells += brick.nan_cells;
+        self.dropped_cells += brick.dropped_cells;
+        self.dropped_volume.add(brick.dropped_cells as f64 * volume);
+        self.dropped_sum.add(brick.dropped_sum.value() * volume);
+    }
+
+    /// The power of two by which stored values are multiplied: 0 wherever f32 holds the field's
+    /// range as it is.
+    pub(super) fn exponent(&self) -> i32 {
+        exponent(self.min.abs().max(self.max.abs()), self.smallest_magnitude)
+    }
+}
+
+/// The exponent that brings values of magnitudes `smallest` to `largest` into f32's normal
+/// range: 0 where they lie there, or where `largest` does and is not itself tiny (what is lost
+/// then is below 2⁻⁹⁶ of the largest).
+pub(super) fn exponent(largest: f64, smallest: f64) -> i32 {
+    if !(largest > 0.0 && largest.is_finite()) {
+        return 0;
+    }
+    let underflows = smallest < f64::from(f32::MIN_POSITIVE) && largest < (-30f64).exp2();
+    if largest <= f64::from(f32::MAX) && !underflows {
+        return 0;
+    }
+    // The largest magnitude lands near 2^100, which leaves 2^226 below it.
+    (largest.log2().floor() as i32 - 100).clamp(-1000, 1000)
+}
+
+/// `value · 2^power`, in two steps so that powers beyond f64's own range do not overflow early.
+pub(super) fn times_power_of_two(value: f64, power: i32) -> f64 {
+    let half = power / 2;
+    value * f64::from(half).exp2() * f64::from(power - half).exp2()
+}
+
+/// Rounds the mantissa so that the relative error stays below `relative_error`.
+pub(super) fn round_mantissa(value: f32, relative_error: f64) -> f32 {
+    if relative_error < f64::from(f32::EPSILON) || !value.is_normal() {
+        return value;
+    }
+    // Keeping k bits after the leading one leaves an error of at most 2^-(k+1).
+    let kept = (-relative_error.log2()).ceil().max(1.0) as u32 - 1;
+    let dropped = 23u32.saturating_sub(kept);
+    if dropped == 0 {
+        return value;
+    }
+    let half = 1u32 << (dropped - 1);
+    let rounded = f32::from_bits((value.to_bits() + half) & !((1 << dropped) - 1));
+    if rounded.is_finite() { rounded } else { value }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_keep_what_cancels() {
+        let mut sum = Sum::default();
+        for value in [1e100, 1.0, -1e100, 1e-3] {
+            sum.add(value);
+        }
+        assert_eq!(sum.value(), 1.001);
+    }
+
+    #[test]
+    fn only_ranges_beyond_f32_are_scaled() {
+        assert_eq!(exponent(1e33, 1e-20), 0);
+        assert_eq!(exponent(1.0, 1e-60), 0);
+        assert_eq!(exponent(0.0, f64::INFINITY), 0);
+        for (largest, smallest) in [(1e45, 1.0), (1e300, 1e280), (1e-40, 1e-60), (5e-324, 5e-324)] {
+            let power = exponent(largest, smallest);
+            let (high, low) =
+                (times_power_of_two(largest, -power), times_power_of_two(smallest, -power));
+            assert!(high <= f64::from(f32::MAX) && low >= f64::from(f32::MIN_POSITIVE));
+        }
+    }
+
+    #[test]
+    fn rounded_mantissas_keep_the_error_asked_for() {
+        for error in [0.3, 0.1, 1e-2, 1e-3, 1e-5, 1e-6] {
+            let mut value = 1.1e-12f32;
+            while value < 1e12 {
+                let rounded = round_mantissa(value, error);
+                assert!(((rounded - value) / value).abs() as f64 <= error, "{value} {error}");
+                value *= 1.003_7;
+            }
+        }
+        assert_eq!(round_mantissa(1.234_567_8, 0.0), 1.234_567_8);
+    }
+}

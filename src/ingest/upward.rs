@@ -1,0 +1,209 @@
+//! What a brick hands up to its parent: averages over its 2×2×2 cells, passed from one level to
+//! the next through a file.
+
+use super::spool::{Spool, Stream};
+use crate::Result;
+use crate::cache::{BrickShape, state};
+
+/// One field's averages over an octant of the parent: (B/2)³ cells, x fastest.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Averages {
+    /// 0 where nothing lies beneath, else EXISTS | REFINED and, where all is dropped, VOID.
+    pub(super) states: Vec<u8>,
+    /// Volume-weighted averages of the leaf cells beneath.
+    pub(super) values: Vec<f64>,
+    /// Part of each cell's volume that the average stands for; empty: all of every cell that
+    /// exists.
+    pub(super) weights: Vec<f64>,
+}
+
+/// A brick's averages for its parent.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Upward {
+    /// The brick's coordinates at its own level.
+    pub(super) coordinates: [u128; 3],
+    /// Per field.
+    pub(super) fields: Vec<Averages>,
+}
+
+impl Upward {
+    /// The octant of the parent that the brick is.
+    pub(super) fn octant(&self) -> u8 {
+        let bit = |a: usize| u8::from(self.coordinates[a] & 1 == 1) << a;
+        bit(0) | bit(1) | bit(2)
+    }
+
+    /// The parent's coordinates.
+    pub(super) fn parent(&self) -> [u128; 3] {
+        self.coordinates.map(|c| c >> 1)
+    }
+
+    fn append_to(&self, spool: &mut Spool) -> Result<()> {
+        let mut bytes = Vec::new();
+        self.coordinates.iter().for_each(|c| bytes.extend_from_slice(&c.to_le_bytes()));
+        for field in &self.fields {
+            bytes.push(u8::from(!field.weights.is_empty()));
+            bytes.extend_from_slice(&field.states);
+            for number in field.values.iter().chain(&field.weights) {
+                bytes.extend_from_slice(&number.to_le_bytes());
+            }
+        }
+        spool.append(&bytes).map(|_| ())
+    }
+}
+
+/// The averages of one level, in Morton order, on disk.
+pub(super) struct UpwardLevel {
+    spool: Spool,
+    shape: BrickShape,
+    fields: usize,
+}
+
+impl UpwardLevel {
+    pub(super) fn new(spool: Spool, shape: BrickShape, fields: usize) -> Self {
+        Self { spool, shape, fields }
+    }
+
+    pub(super) fn push(&mut self, upward: &Upward) -> Result<()> {
+        upward.append_to(&mut self.spool)
+    }
+
+    pub(super) fn flush(&mut self) -> Result<()> {
+        self.spool.flush()
+    }
+
+    pub(super) fn reader(&self) -> Result<UpwardReader<'_>> {
+        let stream = self.spool.stream(0, self.spool.len(), 256 << 10);
+        let cells = self.shape.cells() / 8;
+        let mut reader = UpwardReader { stream, cells, fields: self.fields, next: None };
+        reader.advance()?;
+        Ok(reader)
+    }
+}
+
+/// Reads a level's averages in order.
+pub(super) struct UpwardReader<'s> {
+    stream: Stream<'s>,
+    cells: usize,
+    fields: usize,
+    next: Option<Upward>,
+}
+
+impl UpwardReader<'_> {
+    /// The next brick's averages without taking them.
+    pub(super) fn peek(&self) -> Option<&Upward> {
+        self.next.as_ref()
+    }
+
+    /// Takes the next brick's averages.
+    pub(super) fn next(&mut self) -> Result<Option<Upward>> {
+        let taken = self.next.take();
+        self.advance()?;
+        Ok(taken)
+    }
+
+    fn advance(&mut self) -> Result<()> {
+        let mut coordinates = [0; 3];
+        let mut bytes = [0; 16];
+        for coordinate in &mut coordinates {
+            if !self.stream.read(&mut bytes)? {
+                return Ok(());
+            }
+            *coordinate = u128::from_le_bytes(bytes);
+        }
+        let fields = (0..self.fields).map(|_| self.averages()).collect::<Result<_>>()?;
+        self.next = Some(Upward { coordinates, fields });
+        Ok(())
+    }
+
+    fn averages(&mut self) -> Result<Averages> {
+        let mut weighted = [0];
+        self.stream.read(&mut weighted)?;
+        let mut states = vec![0; self.cells];
+        self.stream.read(&mut states)?;
+        let values = self.numbers(self.cells)?;
+        let weights = self.numbers(if weighted[0] == 1 { self.cells } else { 0 })?;
+        Ok(Averages { states, values, weights })
+    }
+
+    fn numbers(&mut self, count: usize) -> Result<Vec<f64>> {
+        let mut bytes = vec![0; 8 * count];
+        self.stream.read(&mut bytes)?;
+        let words = bytes.chunks_exact(8);
+        Ok(words.map(|word| word.try_into().map_or(0.0, f64::from_le_bytes)).collect())
+    }
+}
+
+/// Averages over the 2×2×2 cells of a brick with `states`, `values` and `weights` (B³ cells
+/// each; `weights` empty: 1 wherever a cell exists and is not dropped). `Err` with the first
+/// cell (brick indices) of a parent's cell that exists only in part.
+pub(super) fn average(
+    edge: usize,
+    states: &[u8],
+    values: &[f64],
+    weights: &[f64],
+) -> std::result::Result<Averages, [usize; 3]> {
+    let half = edge / 2;
+    let mut averages = Averages {
+        states: vec![0; half.pow(3)],
+        values: vec![0.0; half.pow(3)],
+        weights: Vec::new(),
+    };
+    let at = |x: usize, y: usize, z: usize| (z * edge + y) * edge + x;
+    let (mut parent, mut fractions) = (0, vec![1.0; half.pow(3)]);
+    for z in (0..edge).step_by(2) {
+        for y in (0..edge).step_by(2) {
+            for x in (0..edge).step_by(2) {
+                let octet: [usize; 8] =
+                    std::array::from_fn(|o| at(x + (o & 1), y + (o >> 1 & 1), z + (o >> 2)));
+                let (bits, value, weight) =
+                    average_octet(&octet, states, values, weights).ok_or([x, y, z])?;
+                averages.states[parent] = bits;
+                averages.values[parent] = value;
+                fractions[parent] = weight;
+                parent += 1;
+            }
+        }
+    }
+    if fractions.iter().zip(&averages.states).any(|(&w, &bits)| bits != 0 && w != 1.0) {
+        averages.weights = fractions;
+    }
+    Ok(averages)
+}
+
+/// State, average and weight of one parent's cell; `None` where its cells exist only in part.
+fn average_octet(
+    octet: &[usize; 8],
+    states: &[u8],
+    values: &[f64],
+    weights: &[f64],
+) -> Option<(u8, f64, f64)> {
+    let (mut existing, mut inside, mut dropped, mut total, mut sum) = (0, 0, 0, 0.0, 0.0);
+    for &cell in octet {
+        let bits = states[cell];
+        inside += u32::from(bits != state::OUTSIDE);
+        if bits & state::EXISTS == 0 {
+            continue;
+        }
+        existing += 1;
+        dropped += u32::from(bits & state::VOID != 0);
+        let present = bits & state::VOID == 0 && !values[cell].is_nan();
+        let weight = if present { weights.get(cell).copied().unwrap_or(1.0) } else { 0.0 };
+        if weight > 0.0 {
+            total += weight;
+            sum += weight * values[cell];
+        }
+    }
+    if existing == 0 {
+        return Some((0, 0.0, 1.0));
+    }
+    if existing < inside {
+        return None;
+    }
+    let parent = state::EXISTS | state::REFINED;
+    if dropped == existing {
+        return Some((parent | state::VOID, 0.0, 0.0));
+    }
+    let value = if total > 0.0 { sum / total } else { f64::NAN };
+    Some((parent, value, total / 8.0))
+}
