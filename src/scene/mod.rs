@@ -17,6 +17,9 @@ mod srgb;
 mod transfer;
 mod volume;
 
+#[cfg(test)]
+mod tests;
+
 pub use camera::{CameraSettings, Projection};
 pub use colormap::{ColorMap, color_map_names};
 pub use file::{ImageSettings, MAX_SCENE_BYTES, Scene};
