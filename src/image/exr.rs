@@ -1,0 +1,139 @@
+//! OpenEXR files.
+
+use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::path::Path;
+
+use exr::block::lines::LineRefMut;
+use exr::block::{BlockIndex, UncompressedBlock};
+use exr::compression::Compression;
+use exr::error::Error as ExrError;
+use exr::math::Vec2;
+use exr::meta::attribute::{self, AttributeValue, ChannelDescription, LineOrder, SampleType, Text};
+use exr::meta::header::Header;
+use exr::meta::{BlockDescription, MetaData, magic_number, sequence_end};
+
+use super::film::Film;
+use crate::atomic_file::AtomicFile;
+use crate::{Error, Result};
+
+/// The channels as the format wants them, by name, each with its place in a pixel.
+const CHANNELS: [(&str, usize); 4] = [("A", 3), ("B", 2), ("G", 1), ("R", 0)];
+/// Longest attribute name that every reader takes (bytes).
+const MAX_NAME: usize = 31;
+
+/// Writes `film` to `path`: scan lines of R, G, B, A as 32-bit floats under ZIP compression, with
+/// `attributes` (name, UTF-8 text) in their order. Equal films and attributes give equal bytes.
+///
+/// Blocks of 16 rows are compressed one after another: beyond the film, memory grows with the
+/// width only. The header is assembled here because the `exr` crate orders custom attributes by
+/// chance, so that files would differ from run to run.
+///
+/// # Errors
+/// A path that cannot be written (nothing is left there then), and attribute names that the format
+/// does not take.
+pub fn write_exr(
+    path: impl AsRef<Path>,
+    film: &Film,
+    attributes: &[(String, String)],
+) -> Result<()> {
+    check_names(attributes)?;
+    let file = AtomicFile::create(path)?;
+    let mut writer = BufWriter::new(file.file());
+    write_image(&mut writer, film, attributes).map_err(|error| failure(file.target(), error))?;
+    drop(writer);
+    file.commit()
+}
+
+fn failure(path: &Path, error: ExrError) -> Error {
+    match error {
+        ExrError::Io(error) => Error::io(path, "cannot write the picture", error),
+        other => Error::invalid(path.display(), format!("cannot write the picture: {other}")),
+    }
+}
+
+fn check_names(attributes: &[(String, String)]) -> Result<()> {
+    for (index, (name, value)) in attributes.iter().enumerate() {
+        let repeated = attributes[..index].iter().any(|(earlier, _)| earlier == name);
+        let fits = (1..=MAX_NAME).contains(&name.len()) && i32::try_from(value.len()).is_ok();
+        if repeated || !fits || name.bytes().any(|byte| !byte.is_ascii_graphic()) {
+            return Err(Error::request(format!(
+                "EXR attribute `{}`: names are unique, of 1 to {MAX_NAME} ASCII letters, and texts \
+                 below 2 GiB",
+                name.escape_debug()
+            )));
+        }
+    }
+    Ok(())
+}
+
+fn write_image<W: Write + Seek>(
+    writer: &mut W,
+    film: &Film,
+    attributes: &[(String, String)],
+) -> exr::error::Result<()> {
+    let headers = [header(film)];
+    write_header(writer, &headers, attributes)?;
+    let table_start = writer.stream_position()?;
+    let mut offsets = vec![0_u64; headers[0].chunk_count];
+    write_offsets(writer, &offsets)?;
+    for (offset, rows) in offsets.iter_mut().zip(0..) {
+        *offset = writer.stream_position()?;
+        block(&headers[0], film, rows).compress_to_chunk(&headers)?.write(writer, headers.len())?;
+    }
+    writer.seek(SeekFrom::Start(table_start))?;
+    write_offsets(writer, &offsets)?;
+    Ok(writer.flush()?)
+}
+
+fn header(film: &Film) -> Header {
+    let channel = |(name, _)| ChannelDescription::new(Text::from(name), SampleType::F32, true);
+    let size = Vec2(film.width() as usize, film.height() as usize);
+    let channels = CHANNELS.into_iter().map(channel).collect();
+    Header::new(Text::from("main"), size, channels).with_encoding(
+        Compression::ZIP16,
+        BlockDescription::ScanLines,
+        LineOrder::Increasing,
+    )
+}
+
+fn write_header(
+    writer: &mut impl Write,
+    headers: &[Header; 1],
+    attributes: &[(String, String)],
+) -> exr::error::Result<()> {
+    let requirements = MetaData::validate(headers, true)?;
+    magic_number::write(writer)?;
+    requirements.write(writer)?;
+    for (name, value) in headers[0].all_named_attributes() {
+        attribute::write(name, &value, writer)?;
+    }
+    for (name, value) in attributes {
+        let text = AttributeValue::Text(Text::from_slice_unchecked(value.as_bytes()));
+        attribute::write(name.as_bytes(), &text, writer)?;
+    }
+    sequence_end::write(writer)
+}
+
+/// The table of the blocks' file offsets, from the top.
+fn write_offsets(writer: &mut impl Write, offsets: &[u64]) -> std::io::Result<()> {
+    offsets.iter().try_for_each(|offset| writer.write_all(&offset.to_le_bytes()))
+}
+
+/// Block `index` from the top, of as many rows as the compression takes together.
+fn block(header: &Header, film: &Film, index: usize) -> UncompressedBlock {
+    let rows = header.compression.scan_lines_per_block();
+    let top = index * rows;
+    let size = Vec2(header.layer_size.0, rows.min(header.layer_size.1 - top));
+    let place =
+        BlockIndex { layer: 0, pixel_position: Vec2(0, top), pixel_size: size, level: Vec2(0, 0) };
+    let width = header.layer_size.0;
+    UncompressedBlock::from_lines(&header.channels, place, |line: LineRefMut<'_>| {
+        let (_, channel) = CHANNELS[line.location.channel];
+        let start = line.location.position.1 * width;
+        let row = &film.pixels()[start..start + width];
+        for (bytes, pixel) in line.value.chunks_exact_mut(4).zip(row) {
+            // The crate takes samples in the machine's own byte order.
+            bytes.copy_from_slice(&pixel[channel].to_ne_bytes());
+        }
+    })
+}

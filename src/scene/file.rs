@@ -1,0 +1,157 @@
+//! The scene file.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use toml::de::DeTable;
+
+use super::camera::{self, CameraSettings};
+use super::entry::{Entry, Table, Text};
+use super::render::{self, RenderSettings};
+use super::volume::{self, VolumeSettings};
+use crate::{Error, Result};
+
+/// Largest scene file that is read.
+pub const MAX_SCENE_BYTES: u64 = 16 << 20;
+/// Largest width and height of a picture, pixels.
+const MAX_PIXELS_PER_AXIS: u32 = 65_536;
+/// Largest exposure, stops, of either sign: beyond it no f32 is left in range.
+const MAX_EXPOSURE: f64 = 200.0;
+
+/// `[image]`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ImageSettings {
+    /// Pixels in a row, 1 to 65,536.
+    pub width: u32,
+    /// Rows, 1 to 65,536.
+    pub height: u32,
+    /// Stops, in PNG only: pixels are multiplied by 2^exposure.
+    pub exposure: f64,
+}
+
+impl Default for ImageSettings {
+    fn default() -> Self {
+        Self { width: 512, height: 512, exposure: 0.0 }
+    }
+}
+
+impl ImageSettings {
+    const KEYS: [&str; 3] = ["width", "height", "exposure"];
+
+    fn parse(table: &Table<'_>) -> Result<Self> {
+        let mut settings = Self::default();
+        if let Some(entry) = table.get("width") {
+            settings.width = entry.whole(1..MAX_PIXELS_PER_AXIS + 1)?;
+        }
+        if let Some(entry) = table.get("height") {
+            settings.height = entry.whole(1..MAX_PIXELS_PER_AXIS + 1)?;
+        }
+        if let Some(entry) = table.get("exposure") {
+            settings.exposure = entry.number()?;
+            if settings.exposure.abs() > MAX_EXPOSURE {
+                let reason = format!("must be from -{MAX_EXPOSURE} to {MAX_EXPOSURE} stops");
+                return Err(entry.error(reason));
+            }
+        }
+        Ok(settings)
+    }
+}
+
+/// Everything a scene file says, defaults filled in.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scene {
+    /// The picture.
+    pub image: ImageSettings,
+    /// The camera.
+    pub camera: CameraSettings,
+    /// How it is computed.
+    pub render: RenderSettings,
+    /// What is shown.
+    pub volume: VolumeSettings,
+    /// The file's text.
+    pub source: String,
+}
+
+impl Scene {
+    /// Reads the scene file at `path`.
+    ///
+    /// # Errors
+    /// A file that cannot be read, is larger than [`MAX_SCENE_BYTES`] or is not UTF-8, and those
+    /// of [`Self::parse`].
+    pub fn load(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let cannot_read = |error| Error::io(path, "cannot read the scene", error);
+        let file = File::open(path).map_err(cannot_read)?;
+        let mut bytes = Vec::new();
+        file.take(MAX_SCENE_BYTES + 1).read_to_end(&mut bytes).map_err(cannot_read)?;
+        let place = path.display().to_string();
+        if bytes.len() as u64 > MAX_SCENE_BYTES {
+            return Err(too_large(&place));
+        }
+        let text = String::from_utf8(bytes).map_err(|error| {
+            let at = error.utf8_error().valid_up_to();
+            Error::invalid(&place, format!("not a scene file: byte {at} is not UTF-8 text"))
+        })?;
+        Self::parse(&text, &place)
+    }
+
+    /// Parses the text of a scene file; `place` is what messages call it.
+    ///
+    /// # Errors
+    /// Text that is not TOML, unknown or missing keys, values of the wrong type or out of range:
+    /// the message has line, key and what is expected there.
+    pub fn parse(text: &str, place: &str) -> Result<Self> {
+        if text.len() as u64 > MAX_SCENE_BYTES {
+            return Err(too_large(place));
+        }
+        let lines = Text { place, source: text };
+        let document = DeTable::parse(text).map_err(|error| {
+            let start = error.span().map_or(0, |span| span.start);
+            lines.error(start, format!("not valid TOML: {}", one_line(error.message())))
+        })?;
+        let known = ["image", "camera", "render", "volume"];
+        let root = Table::new(lines, "", 0, document.get_ref(), &known)?;
+        Ok(Self {
+            image: section(&root, "image", "[image]", &ImageSettings::KEYS)?
+                .map_or(Ok(ImageSettings::default()), |table| ImageSettings::parse(&table))?,
+            camera: CameraSettings::parse(
+                &root.required("camera")?.table("[camera]", &camera::KEYS)?,
+            )?,
+            render: section(&root, "render", "[render]", &render::KEYS)?
+                .map_or(Ok(RenderSettings::default()), |table| RenderSettings::parse(&table))?,
+            volume: parse_volumes(root.required("volume")?)?,
+            source: text.to_owned(),
+        })
+    }
+}
+
+fn section<'a>(
+    root: &Table<'a>,
+    key: &'static str,
+    name: &'static str,
+    known: &[&str],
+) -> Result<Option<Table<'a>>> {
+    root.get(key).map(|entry| entry.table(name, known)).transpose()
+}
+
+fn parse_volumes(entry: Entry<'_>) -> Result<VolumeSettings> {
+    let volumes = entry.elements().map_err(|_| entry.error("a volume is written as [[volume]]"))?;
+    match volumes.as_slice() {
+        [] => Err(entry.error("a scene needs one [[volume]]")),
+        [one] => VolumeSettings::parse(&one.table("[[volume]]", &volume::KEYS)?),
+        [_, second, ..] => {
+            Err(second.error("several volumes are not supported yet; leave one [[volume]]"))
+        }
+    }
+}
+
+fn too_large(place: &str) -> Error {
+    let limit = MAX_SCENE_BYTES >> 20;
+    Error::invalid(place, format!("larger than {limit} MiB; a scene file is a short TOML text"))
+}
+
+/// A foreign message without line breaks, and not too long.
+fn one_line(message: &str) -> String {
+    message.chars().take(200).collect::<String>().replace(char::is_control, " ")
+}

@@ -1,0 +1,204 @@
+//! From a field's value to the transfer function's x.
+
+use std::f64::consts::LN_10;
+
+use crate::{Error, Result};
+
+/// [`Mapping::unclamped`] saturates at ± this, so that what is interpolated stays finite, in f32
+/// too.
+pub const LARGEST_UNCLAMPED: f64 = 1e30;
+
+/// The scale `s` in which values are mapped and interpolated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Scale {
+    /// s(f) = f.
+    Linear,
+    /// s(f) = log10(f); what is at or below the smallest positive leaf value counts as that.
+    Log10,
+    /// s(f) = sign(f)·log10(1 + |f| / linthresh): linear near 0, logarithmic far from it.
+    Symlog {
+        /// Where the linear part ends, in the field's units; > 0.
+        linthresh: f64,
+    },
+}
+
+impl Scale {
+    /// s(f); `f` must be positive under [`Scale::Log10`].
+    fn apply(self, f: f64) -> f64 {
+        match self {
+            Self::Linear => f,
+            Self::Log10 => f.log10(),
+            Self::Symlog { linthresh } => {
+                ((f.abs() / linthresh).min(f64::MAX).ln_1p() / LN_10).copysign(f)
+            }
+        }
+    }
+}
+
+/// What a mapping needs to know of a field: extrema over its leaf cells, in code units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FieldExtrema {
+    /// The smallest leaf value.
+    pub minimum: f64,
+    /// The largest leaf value.
+    pub maximum: f64,
+    /// The smallest leaf value above 0, if there is one.
+    pub smallest_positive: Option<f64>,
+}
+
+/// Maps field values to x = (s(f) − s(lo)) / (s(hi) − s(lo)), with s the scale: 0 at lo and 1 at
+/// hi. Never decreasing (up to rounding in the logarithm). NaN counts as lo.
+///
+/// Everything maps to 0 if hi is not above lo in the scale (a constant field without a range of
+/// its own), and if the scale is log10 and no leaf value is positive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mapping {
+    scale: Scale,
+    factor: f64,
+    floor: f64,
+    low: f64,
+    high: f64,
+}
+
+impl Mapping {
+    /// The mapping under `scale` with `range` = [lo, hi], in the units of the scene; without one,
+    /// the extrema of `field` (under log10 from its smallest positive value). `factor` takes code
+    /// units to the scene's units, and values are multiplied by it first: 1 for code units.
+    ///
+    /// # Errors
+    /// A factor that is not a positive number, extrema that are not finite.
+    pub fn new(
+        scale: Scale,
+        range: Option<[f64; 2]>,
+        field: FieldExtrema,
+        factor: f64,
+    ) -> Result<Self> {
+        if !(factor.is_finite() && factor > 0.0) {
+            return Err(Error::request(format!(
+                "the field's unit factor is {factor}; it must be a positive number"
+            )));
+        }
+        let floor = match scale {
+            Scale::Log10 => field.smallest_positive.unwrap_or(f64::NAN) * factor,
+            Scale::Linear | Scale::Symlog { .. } => f64::NEG_INFINITY,
+        };
+        let [low, high] =
+            range.unwrap_or([(field.minimum * factor).max(floor), field.maximum * factor]);
+        if !(low.is_finite() && high.is_finite()) {
+            return Err(Error::request(format!(
+                "the field's values run from {low} to {high}; give the volume a finite `range`"
+            )));
+        }
+        Ok(Self { scale, factor, floor, low: scale.apply(low), high: scale.apply(high) })
+    }
+
+    /// x of field value `f` in code units: below 0 and above 1 where `f` lies outside the range.
+    /// Finite for every `f`.
+    pub fn unclamped(&self, f: f64) -> f64 {
+        let without_range = self.floor.is_nan() || self.high <= self.low;
+        if f.is_nan() || without_range || self.high.is_nan() || self.low.is_nan() {
+            return 0.0;
+        }
+        let scaled = self.scale.apply((f * self.factor).max(self.floor));
+        // Halves: the difference of two finite numbers need not be finite.
+        let x = (0.5 * scaled - 0.5 * self.low) / (0.5 * self.high - 0.5 * self.low);
+        x.clamp(-LARGEST_UNCLAMPED, LARGEST_UNCLAMPED)
+    }
+
+    /// x of field value `f` in code units, in [0, 1].
+    pub fn clamped(&self, f: f64) -> f64 {
+        self.unclamped(f).clamp(0.0, 1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const FIELD: FieldExtrema =
+        FieldExtrema { minimum: -2.0, maximum: 1e4, smallest_positive: Some(1e-3) };
+
+    fn mapping(scale: Scale, range: Option<[f64; 2]>) -> Mapping {
+        Mapping::new(scale, range, FIELD, 1.0).unwrap()
+    }
+
+    fn close(a: f64, b: f64) -> bool {
+        (a - b).abs() <= 1e-14 * b.abs().max(1.0)
+    }
+
+    #[test]
+    fn values_by_hand() {
+        let linear = mapping(Scale::Linear, Some([2.0, 4.0]));
+        assert!(close(linear.unclamped(5.0), 1.5) && close(linear.clamped(5.0), 1.0));
+        assert!(close(linear.unclamped(1.0), -0.5) && close(linear.clamped(1.0), 0.0));
+        let log = mapping(Scale::Log10, Some([1e-2, 1e4]));
+        assert!(close(log.unclamped(10.0), 0.5));
+        assert!(close(log.unclamped(0.0), log.unclamped(1e-3)), "floor");
+        assert!(close(log.unclamped(-7.0), -1.0 / 6.0), "floor");
+        let symlog = mapping(Scale::Symlog { linthresh: 0.5 }, Some([-4.5, 4.5]));
+        assert!(close(symlog.unclamped(0.0), 0.5) && close(symlog.unclamped(4.5), 1.0));
+        assert!(close(symlog.unclamped(-49.5), 0.5 - 1.0));
+    }
+
+    #[test]
+    fn without_a_range_the_extrema_map_to_0_and_1() {
+        for (scale, lowest) in
+            [(Scale::Linear, -2.0), (Scale::Log10, 1e-3), (Scale::Symlog { linthresh: 1.0 }, -2.0)]
+        {
+            let mapping = mapping(scale, None);
+            assert!(close(mapping.unclamped(lowest), 0.0), "{scale:?}");
+            assert!(close(mapping.unclamped(1e4), 1.0), "{scale:?}");
+        }
+    }
+
+    #[test]
+    fn units_multiply_values_before_the_scale() {
+        let cgs = Mapping::new(Scale::Log10, Some([1e-26, 1e-20]), FIELD, 1e-24).unwrap();
+        assert!(close(cgs.unclamped(10.0), 0.5));
+        assert!(close(cgs.unclamped(0.0), -1.0 / 6.0), "the floor is in the same units");
+        let extrema = Mapping::new(Scale::Linear, None, FIELD, 3.0).unwrap();
+        assert!(close(extrema.unclamped(1e4), 1.0) && close(extrema.unclamped(-2.0), 0.0));
+        for factor in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(Mapping::new(Scale::Linear, None, FIELD, factor).is_err());
+        }
+    }
+
+    #[test]
+    fn degenerate_fields_map_to_0() {
+        let constant = FieldExtrema { minimum: 3.0, maximum: 3.0, smallest_positive: Some(3.0) };
+        let nothing = FieldExtrema { minimum: -1.0, maximum: 0.0, smallest_positive: None };
+        for scale in [Scale::Linear, Scale::Log10, Scale::Symlog { linthresh: 1.0 }] {
+            let mapping = Mapping::new(scale, None, constant, 1.0).unwrap();
+            assert!([3.0, 4.0, -1.0, f64::NAN].iter().all(|&f| mapping.unclamped(f) == 0.0));
+        }
+        for range in [None, Some([1.0, 2.0])] {
+            let mapping = Mapping::new(Scale::Log10, range, nothing, 1.0).unwrap();
+            assert!([5.0, 0.0, -1.0].iter().all(|&f| mapping.unclamped(f) == 0.0));
+        }
+    }
+
+    #[test]
+    fn extreme_values_stay_finite() {
+        let widest = mapping(Scale::Linear, Some([f64::MIN, f64::MAX]));
+        assert!(close(widest.unclamped(0.0), 0.5));
+        let narrow = mapping(Scale::Linear, Some([0.0, 1e-300]));
+        assert_eq!(narrow.unclamped(f64::MAX), LARGEST_UNCLAMPED);
+        assert_eq!(narrow.unclamped(f64::NEG_INFINITY), -LARGEST_UNCLAMPED);
+        assert_eq!(narrow.unclamped(f64::NAN), 0.0);
+        let symlog = mapping(Scale::Symlog { linthresh: 5e-324 }, Some([-1.0, 1.0]));
+        assert!(symlog.unclamped(f64::MAX).is_finite() && close(symlog.unclamped(0.0), 0.5));
+    }
+
+    proptest! {
+        #[test]
+        fn never_decreasing(a in -1e6f64..1e6, b in -1e6f64..1e6, linthresh in 1e-6f64..1e3) {
+            let (a, b) = (a.min(b), a.max(b));
+            for scale in [Scale::Linear, Scale::Log10, Scale::Symlog { linthresh }] {
+                let mapping = mapping(scale, Some([0.5, 20.0]));
+                prop_assert!(mapping.unclamped(a) <= mapping.unclamped(b) + 1e-15);
+            }
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! The nearest known word, for error messages.
+
+/// Letters of a word that are compared: enough for any known word, and bounds the time.
+const MAX_COMPARED: usize = 64;
+
+/// The word of `known` that takes the fewest edits to reach from `word` (the first of equals).
+pub(super) fn nearest<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
+    known.into_iter().min_by_key(|candidate| distance(word, candidate))
+}
+
+/// Edit distance that counts insertions, deletions, replacements and swaps of neighbours, without
+/// regard to case (optimal string alignment).
+fn distance(a: &str, b: &str) -> usize {
+    let letters = |word: &str| -> Vec<char> {
+        word.chars().take(MAX_COMPARED).flat_map(char::to_lowercase).collect()
+    };
+    let (a, b) = (letters(a), letters(b));
+    let mut rows: Vec<Vec<usize>> = vec![(0..=b.len()).collect()];
+    for i in 1..=a.len() {
+        let mut row = vec![i; b.len() + 1];
+        for j in 1..=b.len() {
+            let replaced = rows[i - 1][j - 1] + usize::from(a[i - 1] != b[j - 1]);
+            row[j] = replaced.min(rows[i - 1][j] + 1).min(row[j - 1] + 1);
+            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
+                row[j] = row[j].min(rows[i - 2][j - 2] + 1);
+            }
+        }
+        rows.push(row);
+    }
+    rows[a.len()][b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances_by_hand() {
+        for (a, b, expected) in [
+            ("", "", 0),
+            ("", "abc", 3),
+            ("toleranse", "tolerance", 1),
+            ("widht", "width", 1),
+            ("FOV", "fov", 0),
+            ("kitten", "sitting", 3),
+            ("höhe", "hohe", 1),
+        ] {
+            assert_eq!(distance(a, b), expected, "{a} {b}");
+            assert_eq!(distance(b, a), expected, "{b} {a}");
+        }
+    }
+
+    #[test]
+    fn the_nearest_word_is_named() {
+        let known = ["interpolation", "tolerance", "samples", "background"];
+        assert_eq!(nearest("sampels", known), Some("samples"));
+        assert!(nearest("x".repeat(1_000_000).as_str(), known).is_some());
+        assert_eq!(nearest("x", []), None);
+    }
+}
