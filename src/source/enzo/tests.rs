@@ -1,0 +1,1 @@
+//! Tests of the Enzo reader on small made-up dumps.
