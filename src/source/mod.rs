@@ -134,10 +134,15 @@ const FORMATS: &[Format] = &[enzo::FORMAT];
 pub fn open(path: &Path, format: Option<&str>) -> Result<Box<dyn Source>> {
     std::fs::metadata(path).map_err(|e| Error::io(path, "cannot open the input", e))?;
     let chosen = match format {
-        Some(name) => FORMATS.iter().find(|f| f.name.eq_ignore_ascii_case(name)).ok_or_else(|| {
-            let names: Vec<&str> = FORMATS.iter().map(|f| f.name).collect();
-            Error::request(format!("format `{name}` is not known: there is {}", names.join(", ")))
-        })?,
+        Some(name) => {
+            FORMATS.iter().find(|f| f.name.eq_ignore_ascii_case(name)).ok_or_else(|| {
+                let names: Vec<&str> = FORMATS.iter().map(|f| f.name).collect();
+                Error::request(format!(
+                    "format `{name}` is not known: there is {}",
+                    names.join(", ")
+                ))
+            })?
+        }
         None => FORMATS.iter().find(|f| (f.recognises)(path)).ok_or_else(|| unknown(path))?,
     };
     (chosen.open)(path)

@@ -22,19 +22,41 @@ pub(super) fn level(grid: &ListedGrid, parameters: &Parameters) -> Result<u32, S
         return Ok(level);
     }
     let factor = f64::from(parameters.refine_by);
+    let root_width = parameters.domain.root_cell_width();
     // The axis with the most cells gives the width of one most precisely.
     let axis = (0..3).max_by_key(|&a| size[a]).unwrap_or(0);
-    let width = grid.right[axis].value() - grid.left[axis].value();
-    let ratio = parameters.domain.root_cell_width()[axis] * f64::from(size[axis]) / width;
-    let level = (ratio.ln() / factor.ln()).round();
+    let width = (grid.right[axis].value() - grid.left[axis].value()) / f64::from(size[axis]);
+    check_digits(grid, axis, width)?;
+    let level = ((root_width[axis] / width).ln() / factor.ln()).round();
     if !(0.0..=1e4).contains(&level) {
         return Err(format!(
-            "its cells are {:e} wide along {}, which is no power of {factor} below the root cells",
-            width / f64::from(size[axis]),
+            "its cells are {width:e} wide along {}, which is no power of {factor} below the root \
+             cells",
             AXES[axis]
         ));
     }
+    for a in 0..3 {
+        check_digits(grid, a, root_width[a] * factor.powf(-level))?;
+    }
     Ok(level as u32)
+}
+
+/// Refuses edges along `axis` that are printed with too few digits to tell cells `width` wide
+/// apart.
+fn check_digits(grid: &ListedGrid, axis: usize, width: f64) -> Result<(), String> {
+    for edge in [&grid.left[axis], &grid.right[axis]] {
+        let error = edge.error();
+        if error > LARGEST_DEVIATION * width.abs() {
+            return Err(format!(
+                "its edge {} along {} has too few digits for cells {width:e} wide (it may be off \
+                 by {error:e}): the run's .hierarchy.hdf5, which holds exact edges, is needed \
+                 beside the .hierarchy",
+                edge.value(),
+                AXES[axis]
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// `grid` with its cells' indices at its level; `locator` is passed on.
@@ -80,19 +102,6 @@ fn corner(
     parameters: &Parameters,
 ) -> Result<[i128; 3], String> {
     let domain = &parameters.domain;
-    let width = domain.cell_width(i32::try_from(octree).unwrap_or(i32::MAX));
-    for (a, edge) in edges.iter().enumerate() {
-        let error = edge.error() / width[a];
-        if error > LARGEST_DEVIATION {
-            return Err(format!(
-                "its edge {} along {} has too few digits to tell where it lies at level {level} \
-                 (the error may be {error:.2} cells): the run's .hierarchy.hdf5, which holds \
-                 exact edges, is needed beside the .hierarchy",
-                edge.value(),
-                AXES[a]
-            ));
-        }
-    }
     let exact: Result<Vec<Decimal>> = edges.iter().map(Edge::decimal).collect();
     let exact: [Decimal; 3] = exact
         .map_err(|e| e.to_string())?

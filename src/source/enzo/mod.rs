@@ -39,8 +39,7 @@ const MOST_GRIDS_IN_TABLES: u64 = 100_000;
 fn recognises(path: &Path) -> bool {
     let Ok(Some(dump)) = Dump::locate(path) else { return false };
     (dump.text().is_file() || dump.tables().is_file())
-        && parameters::read_text(&dump.parameters)
-            .is_ok_and(|text| parameters::looks_right(&text))
+        && parameters::read_text(&dump.parameters).is_ok_and(|text| parameters::looks_right(&text))
 }
 
 /// The file that lists the grids.

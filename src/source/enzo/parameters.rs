@@ -133,10 +133,7 @@ impl Reader<'_> {
             let label = self.keys.get(format!("DataLabel{index}").as_str())?;
             Some((*label).to_owned())
         };
-        self.keys
-            .iter()
-            .filter_map(|(key, value)| Some((label_of(key)?, parse(value)?)))
-            .collect()
+        self.keys.iter().filter_map(|(key, value)| Some((label_of(key)?, parse(value)?))).collect()
     }
 }
 

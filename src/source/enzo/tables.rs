@@ -81,9 +81,7 @@ pub(super) fn read_grid(path: &Path, pool: &Pool, id: u64, level: u32) -> Result
     let group = Group { file: &file, path: format!("/Level{level}/Grid{id:08}") };
     let attributes = file.attributes(&group.path)?;
     let text = |key: &str| attributes.get(key).and_then(Values::text).map(str::to_owned);
-    let fault = |reason: String| {
-        Error::invalid(format!("{}: grid {id}", path.display()), reason)
-    };
+    let fault = |reason: String| Error::invalid(format!("{}: grid {id}", path.display()), reason);
     if let Some([rank]) = attributes.get("GridRank").and_then(Values::integers)
         && rank != 3
     {

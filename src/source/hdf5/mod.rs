@@ -209,9 +209,9 @@ impl File {
                 self.read_i64(path, &start, &shape, &mut list)?;
                 Ok(Values::Integers(list))
             }
-            Element::Text => Ok(Values::Text(
-                self.backend.strings(path).map_err(|e| self.fault(path, e))?,
-            )),
+            Element::Text => {
+                Ok(Values::Text(self.backend.strings(path).map_err(|e| self.fault(path, e))?))
+            }
             Element::Other => Err(self.fault(path, "is neither numbers nor strings")),
         }
     }
@@ -271,6 +271,11 @@ impl File {
     fn fault(&self, object: &str, reason: impl Into<String>) -> Error {
         Error::invalid(format!("{}: {object}", self.path.display()), reason)
     }
+}
+
+/// `text` without the blanks or zeros that fill up strings of fixed length.
+fn unpadded(text: &str) -> String {
+    text.trim_end_matches([' ', '\0']).to_owned()
 }
 
 /// Calls `read` for parts of at most [`READ_VALUES`] values, halving the slowest axis that has

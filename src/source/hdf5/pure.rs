@@ -108,7 +108,7 @@ impl Backend for Pure {
 
     fn strings(&self, path: &str) -> Result<Vec<String>, String> {
         let strings = self.file.dataset(path).map_err(reason)?.read_strings().map_err(reason)?;
-        Ok(strings.iter().map(|text| unpadded(text)).collect())
+        Ok(strings.iter().map(|text| super::unpadded(text)).collect())
     }
 
     fn read_f64(
@@ -189,12 +189,8 @@ fn attribute_values(attribute: &Attribute) -> Option<Values> {
         })
     }, else {
         let strings = attribute.read_strings().ok()?;
-        Some(Values::Text(strings.iter().map(|text| unpadded(text)).collect()))
+        Some(Values::Text(strings.iter().map(|text| super::unpadded(text)).collect()))
     })
-}
-
-fn unpadded(text: &str) -> String {
-    text.trim_end_matches([' ', '\0']).to_owned()
 }
 
 fn reason(error: hdf5_reader::error::Error) -> String {
