@@ -2,6 +2,9 @@
 //!
 //! A source knows grids and fields; it does not know bricks.
 
+mod enzo;
+pub mod hdf5;
+
 use std::path::Path;
 
 use crate::space::{Domain, IndexBox, Levels};
@@ -109,12 +112,49 @@ pub trait Source: Send + Sync {
     ) -> Result<()>;
 }
 
+/// A format that can be read.
+struct Format {
+    /// As `--format` takes it.
+    name: &'static str,
+    /// What tells the format, for the message that nothing did.
+    looked_for: &'static str,
+    /// Whether a file or folder is of the format, by its content.
+    recognises: fn(&Path) -> bool,
+    open: fn(&Path) -> Result<Box<dyn Source>>,
+}
+
+/// Every format that can be read, in the order they are tried.
+const FORMATS: &[Format] = &[enzo::FORMAT];
+
 /// Opens a simulation output, telling its format by content unless `format` names it.
 ///
 /// # Errors
 /// An input of no known format (the message lists those there are), or one that its format's
 /// reader refuses.
 pub fn open(path: &Path, format: Option<&str>) -> Result<Box<dyn Source>> {
-    let _ = format;
-    Err(Error::invalid(path.display(), "no known format"))
+    std::fs::metadata(path).map_err(|e| Error::io(path, "cannot open the input", e))?;
+    let chosen = match format {
+        Some(name) => {
+            FORMATS.iter().find(|f| f.name.eq_ignore_ascii_case(name)).ok_or_else(|| {
+                let names: Vec<&str> = FORMATS.iter().map(|f| f.name).collect();
+                Error::request(format!(
+                    "format `{name}` is not known: there is {}",
+                    names.join(", ")
+                ))
+            })?
+        }
+        None => FORMATS.iter().find(|f| (f.recognises)(path)).ok_or_else(|| unknown(path))?,
+    };
+    (chosen.open)(path)
+}
+
+fn unknown(path: &Path) -> Error {
+    let looked: Vec<String> =
+        FORMATS.iter().map(|f| format!("{} ({})", f.name, f.looked_for)).collect();
+    let reason = format!(
+        "is no output of a known format; looked for {}; name the format with --format to see \
+         what its reader says",
+        looked.join(", ")
+    );
+    Error::not_supported(path.display(), reason)
 }

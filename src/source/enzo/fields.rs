@@ -1,0 +1,98 @@
+//! Which datasets are fields, and their units.
+
+use super::parameters::Parameters;
+use crate::Result;
+use crate::source::SourceField;
+use crate::source::hdf5::{Element, File};
+
+/// Names of the datasets of grid group `group` that are fields: numbers of the grid's own
+/// `size` (x, y, z). Particle data have one axis; face-centred data one cell more.
+///
+/// # Errors
+/// No such group, or a damaged one.
+pub(super) fn names(file: &File, group: &str, size: [u32; 3]) -> Result<Vec<String>> {
+    let shape: Vec<u64> = size.iter().rev().map(|&n| u64::from(n)).collect();
+    let mut names = Vec::new();
+    for name in file.members(group)?.datasets {
+        let dataset = file.dataset(&format!("{group}/{name}"))?;
+        let numbers = matches!(dataset.element, Element::Float | Element::Integer);
+        if numbers && dataset.shape == shape && !name.starts_with("particle_") {
+            names.push(name);
+        }
+    }
+    Ok(names)
+}
+
+/// The field `name` with what the parameter file says of its unit.
+pub(super) fn describe(name: String, parameters: &Parameters) -> SourceField {
+    let units = parameters.unit_names.get(&name).cloned();
+    let to_cgs = to_cgs(&name, parameters);
+    SourceField { name, units, to_cgs }
+}
+
+/// Which of `fields` is the density.
+pub(super) fn density(fields: &[SourceField]) -> Option<usize> {
+    fields
+        .iter()
+        .position(|field| field.name == "Density")
+        .or_else(|| fields.iter().position(|field| field.name.eq_ignore_ascii_case("density")))
+}
+
+/// Factor from code units to cgs: the stated one, or by Enzo's rules (all densities share a
+/// unit, velocities are lengths over times, energies are specific, temperatures are kelvins).
+fn to_cgs(name: &str, parameters: &Parameters) -> Option<f64> {
+    let stated = |label: &str| parameters.factors.get(label).copied();
+    if let Some(factor) = stated(name) {
+        return Some(factor);
+    }
+    let [density, length, time] = parameters.units;
+    let velocity = || stated("x-velocity").or_else(|| Some(length? / time?));
+    if name.ends_with("Density") {
+        return stated("Density").or(density);
+    }
+    match name {
+        "x-velocity" | "y-velocity" | "z-velocity" => velocity(),
+        "TotalEnergy" | "GasEnergy" | "Total_Energy" | "Gas_Energy" => velocity().map(|v| v * v),
+        "Temperature" | "Dust_Temperature" => Some(1.0),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    const PARAMETERS: &str = "TopGridRank = 3\nTopGridDimensions = 4 4 4\nRefineBy = 2\n\
+        DomainLeftEdge = 0 0 0\nDomainRightEdge = 1 1 1\nDataLabel[0] = Density\n\
+        DataLabel[1] = TotalEnergy\nDataLabel[2] = x-velocity\nDataUnits[0] = g/cm^3\n\
+        DataUnits[1] = (null)\n";
+
+    fn field(name: &str, more: &str) -> SourceField {
+        let text = format!("{PARAMETERS}{more}");
+        describe(name.into(), &Parameters::parse(Path::new("p"), &text).unwrap())
+    }
+
+    #[test]
+    fn a_stated_factor_comes_before_one_derived_from_the_units() {
+        let units = "DensityUnits = 2\nLengthUnits = 12\nTimeUnits = 4\n";
+        assert_eq!(field("Density", units).to_cgs, Some(2.0));
+        assert_eq!(field("Dark_Matter_Density", units).to_cgs, Some(2.0));
+        assert_eq!(field("y-velocity", units).to_cgs, Some(3.0));
+        assert_eq!(field("TotalEnergy", units).to_cgs, Some(9.0));
+        let stated = "#DataCGSConversionFactor[0] = 5\n#DataCGSConversionFactor[2] = 7\n";
+        assert_eq!(field("Density", &format!("{units}{stated}")).to_cgs, Some(5.0));
+        assert_eq!(field("GasEnergy", stated).to_cgs, Some(49.0));
+        assert_eq!(field("HII_Density", stated).to_cgs, Some(5.0));
+    }
+
+    #[test]
+    fn what_is_not_stated_is_unknown() {
+        assert_eq!(field("Density", "").to_cgs, None);
+        assert_eq!(field("Density", "DensityUnits = 0\n").to_cgs, None);
+        assert_eq!(field("Metallicity", "DensityUnits = 2\n").to_cgs, None);
+        assert_eq!(field("Density", "").units.as_deref(), Some("g/cm^3"));
+        assert_eq!(field("TotalEnergy", "").units, None);
+    }
+}

@@ -1,0 +1,115 @@
+//! A grid as a hierarchy file lists it, before it is placed on its level's lattice.
+
+use crate::Result;
+use crate::space::Decimal;
+
+/// Digits that Enzo prints of an edge (`%.14g`).
+const PRINTED_DIGITS: i32 = 14;
+
+/// One coordinate of a grid's corner, code length.
+#[derive(Debug, Clone)]
+pub(super) enum Edge {
+    /// The double that the code held.
+    Exact(f64),
+    /// Decimal text and its nearest double.
+    Printed(String, f64),
+}
+
+impl Edge {
+    /// The nearest double.
+    pub(super) fn value(&self) -> f64 {
+        match self {
+            Self::Exact(value) | Self::Printed(_, value) => *value,
+        }
+    }
+
+    /// The number as listed, exactly.
+    pub(super) fn decimal(&self) -> Result<Decimal> {
+        match self {
+            Self::Exact(value) => Decimal::from_f64(*value),
+            Self::Printed(text, _) => Decimal::parse(text),
+        }
+    }
+
+    /// Largest difference from the number that the code held: half a unit of the last printed
+    /// digit. Trailing zeros aren't printed, so fewer digits don't mean a larger error; more do
+    /// mean a smaller one.
+    pub(super) fn error(&self) -> f64 {
+        match self {
+            Self::Printed(text, value) if *value != 0.0 => {
+                let mantissa = text.split(['e', 'E']).next().unwrap_or("");
+                let digits = mantissa.trim_start_matches(['-', '+', '0', '.']).bytes();
+                let digits = digits.filter(u8::is_ascii_digit).count();
+                let digits = i32::try_from(digits).unwrap_or(i32::MAX).clamp(PRINTED_DIGITS, 300);
+                let leading = value.abs().log10().floor();
+                0.5 * 10f64.powf(leading - f64::from(digits - 1))
+            }
+            _ => 0.0,
+        }
+    }
+}
+
+/// One grid of a hierarchy file.
+#[derive(Debug, Clone)]
+pub(super) struct ListedGrid {
+    /// Enzo's number of the grid, from 1.
+    pub(super) id: u64,
+    /// The level, where the file states it.
+    pub(super) level: Option<u32>,
+    /// First active cell among the grid's cells with ghost zones.
+    pub(super) start: [i64; 3],
+    /// Last active cell, inclusive.
+    pub(super) end: [i64; 3],
+    /// Lower corner.
+    pub(super) left: [Edge; 3],
+    /// Upper corner.
+    pub(super) right: [Edge; 3],
+    /// The data file's name, as written.
+    pub(super) file: String,
+}
+
+impl ListedGrid {
+    /// Active cells along x, y, z.
+    ///
+    /// # Errors
+    /// The reason, where the indices make no grid.
+    pub(super) fn size(&self) -> Result<[u32; 3], String> {
+        let mut size = [0; 3];
+        for a in 0..3 {
+            let cells = self.end[a].checked_sub(self.start[a]).and_then(|n| n.checked_add(1));
+            size[a] = cells
+                .filter(|&n| n > 0 && n <= i64::from(i32::MAX))
+                .and_then(|n| u32::try_from(n).ok())
+                .ok_or_else(|| {
+                    format!(
+                        "GridStartIndex {} and GridEndIndex {} along {} make no grid",
+                        self.start[a],
+                        self.end[a],
+                        ["x", "y", "z"][a]
+                    )
+                })?;
+        }
+        Ok(size)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn error(text: &str) -> f64 {
+        Edge::Printed(text.into(), text.parse().unwrap()).error()
+    }
+
+    #[test]
+    fn the_error_is_half_a_unit_of_the_last_digit_printed() {
+        let close = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-6;
+        assert!(close(error("0.61379600088549"), 0.5e-14));
+        assert!(close(error("0.5"), 0.5e-14));
+        assert!(close(error("-12.5"), 0.5e-12));
+        assert!(close(error("0.061379600088549"), 0.5e-15));
+        assert!(close(error("0.6137960008854861"), 0.5e-16));
+        assert!(close(error("1.25e-05"), 0.5e-18));
+        assert_eq!(error("0"), 0.0);
+    }
+}

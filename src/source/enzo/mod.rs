@@ -1,0 +1,268 @@
+//! Enzo, packed AMR: a parameter file, a hierarchy (text, HDF5 or both) and HDF5 data files.
+
+mod fields;
+mod files;
+mod lattice;
+mod listing;
+mod parameters;
+mod tables;
+#[cfg(test)]
+mod tests;
+mod text;
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use files::{DataFiles, Dump};
+use listing::ListedGrid;
+use parameters::Parameters;
+
+use super::hdf5::Pool;
+use super::{Format, GridBlock, GridRecord, Hierarchy, Source};
+use crate::space::{Levels, MAX_OCTREE_LEVEL};
+use crate::{Error, Result};
+
+/// How the reader is listed among the formats.
+pub(super) const FORMAT: Format = Format {
+    name: "enzo",
+    looked_for: "a parameter file with `TopGridRank = …` and a .hierarchy or .hierarchy.hdf5",
+    recognises,
+    open: |path| Ok(Box::new(Enzo::open(path)?)),
+};
+
+/// With more grids than this the text hierarchy is read though there is an HDF5 one: an HDF5
+/// library holds the names of a group's members (about 200 bytes each), text is a stream. Runs
+/// of so many grids are too shallow for the text's digits to fail; where they do, it is refused.
+const MOST_GRIDS_IN_TABLES: u64 = 100_000;
+
+/// Whether `path` names an Enzo dump, by what its parameter file holds.
+fn recognises(path: &Path) -> bool {
+    let Ok(Some(dump)) = Dump::locate(path) else { return false };
+    (dump.text().is_file() || dump.tables().is_file())
+        && parameters::read_text(&dump.parameters).is_ok_and(|text| parameters::looks_right(&text))
+}
+
+/// The file that lists the grids.
+enum Listing {
+    Text(PathBuf),
+    Tables(PathBuf),
+}
+
+/// An Enzo dump.
+struct Enzo {
+    path: PathBuf,
+    dump: Dump,
+    listing: Listing,
+    parameters: Parameters,
+    hierarchy: Hierarchy,
+    files: Mutex<DataFiles>,
+    pool: Pool,
+}
+
+impl Enzo {
+    fn open(path: &Path) -> Result<Self> {
+        let dump = Dump::locate(path)?.ok_or_else(|| {
+            Error::request(format!("{}: holds no Enzo dump (no .hierarchy)", path.display()))
+        })?;
+        let text = parameters::read_text(&dump.parameters)?;
+        let parameters = Parameters::parse(&dump.parameters, &text)?;
+        let pool = Pool::default();
+        let listing = Listing::choose(&dump, &pool)?;
+        let first_grids = listing.first_of_each_level(&pool, &parameters)?;
+        let factors = vec![parameters.refine_by; first_grids.len().saturating_sub(1)];
+        let levels = Levels::from_factors(&factors)
+            .map_err(|e| Error::not_supported(listing.path().display(), e.to_string()))?;
+        let hierarchy = Hierarchy {
+            domain: parameters.domain.clone(),
+            levels,
+            fields: Vec::new(),
+            density: None,
+            time: parameters.time,
+        };
+        let files = Mutex::default();
+        let path = path.to_path_buf();
+        let mut enzo = Self { path, dump, listing, parameters, hierarchy, files, pool };
+        enzo.find_fields(first_grids)?;
+        Ok(enzo)
+    }
+
+    /// Sets the fields: those that the first grid of every level has.
+    fn find_fields(&mut self, first_grids: Vec<Option<ListedGrid>>) -> Result<()> {
+        let mut common: Option<Vec<String>> = None;
+        for grid in first_grids.into_iter().flatten() {
+            let record = self.place(&grid)?;
+            let file = self.pool.get(&self.data_file(&record)?)?;
+            let names = fields::names(&file, &group(record.id), record.size)?;
+            common = Some(match common {
+                None => names,
+                Some(common) => common.into_iter().filter(|name| names.contains(name)).collect(),
+            });
+        }
+        let names = common.unwrap_or_default();
+        if names.is_empty() {
+            let reason = "its grids have no field in common: nothing to read";
+            return Err(Error::invalid(self.dump.parameters.display(), reason));
+        }
+        self.hierarchy.fields =
+            names.into_iter().map(|name| fields::describe(name, &self.parameters)).collect();
+        self.hierarchy.density = fields::density(&self.hierarchy.fields);
+        Ok(())
+    }
+
+    /// A listed grid on its level's lattice, its data file found.
+    fn place(&self, grid: &ListedGrid) -> Result<GridRecord> {
+        let number = {
+            let mut files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
+            files.number(&self.dump, &grid.file)
+        };
+        number
+            .and_then(|number| {
+                lattice::place(grid, &self.parameters, &self.hierarchy.levels, number)
+            })
+            .map_err(|reason| self.listing.fault(grid.id, reason))
+    }
+
+    fn data_file(&self, grid: &GridRecord) -> Result<PathBuf> {
+        let files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
+        files.path(grid.locator).ok_or_else(|| {
+            self.listing.fault(grid.id, "is of another source: its data file is unknown")
+        })
+    }
+}
+
+impl Source for Enzo {
+    fn format(&self) -> &'static str {
+        FORMAT.name
+    }
+
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn hierarchy(&self) -> &Hierarchy {
+        &self.hierarchy
+    }
+
+    fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {
+        self.listing.for_each_grid(&self.pool, &mut |grid| visit(self.place(&grid)?))
+    }
+
+    fn read(
+        &self,
+        grid: &GridRecord,
+        field: usize,
+        block: GridBlock,
+        out: &mut [f64],
+    ) -> Result<()> {
+        let path = self.data_file(grid)?;
+        let file = self.pool.get(&path)?;
+        let name = self.hierarchy.fields.get(field).map_or("", |field| field.name.as_str());
+        let dataset = format!("{}/{name}", group(grid.id));
+        let shape = file.dataset(&dataset)?.shape;
+        let zyx = |xyz: [u32; 3]| [xyz[2], xyz[1], xyz[0]].map(u64::from);
+        if shape != zyx(grid.size) {
+            return Err(Error::invalid(
+                format!("{}: {dataset}", path.display()),
+                format!(
+                    "its shape {shape:?} contradicts the hierarchy, which gives the grid {:?}",
+                    zyx(grid.size)
+                ),
+            ));
+        }
+        file.read_f64(&dataset, &zyx(block.lo), &zyx(block.size), out)
+    }
+}
+
+/// The group that holds grid `id`'s data in its data file.
+fn group(id: u64) -> String {
+    format!("/Grid{id:08}")
+}
+
+impl Listing {
+    fn choose(dump: &Dump, pool: &Pool) -> Result<Self> {
+        let (text, tables) = (dump.text(), dump.tables());
+        match (text.is_file(), tables.is_file()) {
+            (true, true) if tables::grid_count(&tables, pool)? > MOST_GRIDS_IN_TABLES => {
+                Ok(Self::Text(text))
+            }
+            (_, true) => Ok(Self::Tables(tables)),
+            (true, false) => Ok(Self::Text(text)),
+            (false, false) => {
+                let reason = "is missing, and so is .hierarchy.hdf5: the dump needs one of them";
+                Err(Error::invalid(text.display(), reason))
+            }
+        }
+    }
+
+    fn path(&self) -> &Path {
+        match self {
+            Self::Text(path) | Self::Tables(path) => path,
+        }
+    }
+
+    fn fault(&self, id: u64, reason: impl Into<String>) -> Error {
+        Error::invalid(format!("{}: grid {id}", self.path().display()), reason)
+    }
+
+    fn for_each_grid(
+        &self,
+        pool: &Pool,
+        visit: &mut dyn FnMut(ListedGrid) -> Result<()>,
+    ) -> Result<()> {
+        match self {
+            Self::Text(path) => text::for_each_grid(path, visit),
+            Self::Tables(path) => tables::for_each_grid(path, pool, visit),
+        }
+    }
+
+    /// The first grid of each level, in one pass that places nothing.
+    fn first_of_each_level(
+        &self,
+        pool: &Pool,
+        parameters: &Parameters,
+    ) -> Result<Vec<Option<ListedGrid>>> {
+        let mut first = Vec::new();
+        match self {
+            Self::Text(path) => text::for_each_grid(path, &mut |grid| {
+                let level = lattice::level(&grid, parameters)
+                    .map_err(|reason| self.fault(grid.id, reason))?;
+                self.slot(&mut first, level, grid.id)?.get_or_insert(grid);
+                Ok(())
+            })?,
+            Self::Tables(path) => tables::for_each_level(path, pool, &mut |id, level| {
+                let slot = self.slot(&mut first, level, id)?;
+                if slot.is_none() {
+                    *slot = Some(tables::read_grid(path, pool, id, level)?);
+                }
+                Ok(())
+            })?,
+        }
+        if !first.first().is_some_and(Option::is_some) {
+            let reason = "lists no grid of the root level: is it truncated?";
+            return Err(Error::invalid(self.path().display(), reason));
+        }
+        Ok(first)
+    }
+
+    /// The place of level `level` in a list by level.
+    fn slot<'a>(
+        &self,
+        first: &'a mut Vec<Option<ListedGrid>>,
+        level: u32,
+        id: u64,
+    ) -> Result<&'a mut Option<ListedGrid>> {
+        if level > MAX_OCTREE_LEVEL {
+            let reason = format!(
+                "lies at level {level}: at most {MAX_OCTREE_LEVEL} factor-2 steps below the root \
+                 grid are supported"
+            );
+            let place = format!("{}: grid {id}", self.path().display());
+            return Err(Error::not_supported(place, reason));
+        }
+        let at = level as usize;
+        if first.len() <= at {
+            first.resize(at + 1, None);
+        }
+        Ok(&mut first[at])
+    }
+}

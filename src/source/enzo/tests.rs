@@ -1,0 +1,429 @@
+//! Tests of the Enzo reader on small made-up dumps.
+
+use std::fmt::Write;
+
+use hdf5_pure::{AttrValue, FileBuilder};
+
+use super::*;
+
+/// A grid of a made-up dump. Its data are its number plus the cell's place in the grid.
+#[derive(Clone)]
+struct Made {
+    level: u32,
+    left: [f64; 3],
+    right: [f64; 3],
+    size: [u32; 3],
+}
+
+/// A dump in the making: root 4 × 6 × 8 in [−1, 1] × [0, 3] × [0, 2], cells 0.5, 0.5, 0.25, and
+/// a grid two levels below it.
+struct MadeDump {
+    folder: tempfile::TempDir,
+    parameters: String,
+    grids: Vec<Made>,
+}
+
+impl MadeDump {
+    fn new() -> Self {
+        let parameters = "TopGridRank = 3\nTopGridDimensions = 4 6 8\nRefineBy = 2\n\
+            DomainLeftEdge = -1 0 0\nDomainRightEdge = 1 3 2\nInitialTime = 1.5\n\
+            DataLabel[0] = Density\n#DataCGSConversionFactor[0] = 2\nCoordinate = 0\n";
+        let root =
+            Made { level: 0, left: [-1.0, 0.0, 0.0], right: [1.0, 3.0, 2.0], size: [4, 6, 8] };
+        let fine =
+            Made { level: 1, left: [-0.5, 0.5, 0.25], right: [0.5, 1.0, 0.75], size: [4, 2, 4] };
+        let finest =
+            Made { level: 2, left: [-0.25, 0.5, 0.25], right: [0.25, 0.75, 0.5], size: [4, 2, 4] };
+        Self {
+            folder: tempfile::tempdir().unwrap(),
+            parameters: parameters.into(),
+            grids: vec![root, fine, finest],
+        }
+    }
+
+    fn path(&self) -> PathBuf {
+        self.folder.path().join("DD1")
+    }
+
+    fn text(&self) -> String {
+        let mut text = String::new();
+        for (id, grid) in (1..).zip(&self.grids) {
+            let list = |v: [f64; 3]| format!("{} {} {}", v[0], v[1], v[2]);
+            let end = grid.size.map(|n| n + 2);
+            writeln!(
+                text,
+                "\nGrid = {id}\nGridRank = 3\nGridStartIndex = 3 3 3\n\
+                 GridEndIndex = {} {} {}\nGridLeftEdge = {}\nGridRightEdge = {}\n\
+                 BaryonFileName = ./run/DD1.cpu0000\n\
+                 Pointer: Grid[{id}]->NextGridThisLevel = {}",
+                end[0],
+                end[1],
+                end[2],
+                list(grid.left),
+                list(grid.right),
+                if id < self.grids.len() { id + 1 } else { 0 }
+            )
+            .unwrap();
+        }
+        text
+    }
+
+    fn write_text(&self, text: &str) {
+        std::fs::write(self.path(), &self.parameters).unwrap();
+        std::fs::write(self.path().with_extension("hierarchy"), text).unwrap();
+    }
+
+    fn data(&self) -> Vec<u8> {
+        let mut file = FileBuilder::new();
+        for (id, grid) in (1u32..).zip(&self.grids) {
+            let mut group = file.create_group(&format!("Grid{id:08}"));
+            let shape: Vec<u64> = grid.size.iter().rev().map(|&n| u64::from(n)).collect();
+            let cells: u32 = grid.size.iter().product();
+            let values: Vec<f32> = (0..cells).map(|i| (1000 * id + i) as f32).collect();
+            group.create_dataset("Density").with_f32_data(&values).with_shape(&shape);
+            group.create_dataset("Ax").with_f32_data(&values).with_shape(&shape);
+            group.create_dataset("particle_mass").with_f64_data(&[1.0, 2.0]);
+            let face = vec![0.0; (shape[0] * shape[1] * (shape[2] + 1)) as usize];
+            let face_shape = [shape[0], shape[1], shape[2] + 1];
+            group.create_dataset("BxF").with_f64_data(&face).with_shape(&face_shape);
+            file.add_group(group.finish());
+        }
+        file.finish().unwrap()
+    }
+
+    fn write_data(&self) {
+        std::fs::write(self.path().with_extension("cpu0000"), self.data()).unwrap();
+    }
+
+    fn tables(&self) -> Vec<u8> {
+        let mut file = FileBuilder::new();
+        let levels: Vec<i64> = self.grids.iter().map(|grid| i64::from(grid.level)).collect();
+        file.create_dataset("LevelLookupTable").with_i64_data(&levels);
+        file.set_attr("TotalNumberOfGrids", AttrValue::I64(levels.len() as i64));
+        for level in 0..=self.grids.iter().map(|grid| grid.level).max().unwrap() {
+            let mut group = file.create_group(&format!("Level{level}"));
+            for (id, grid) in (1..).zip(&self.grids).filter(|(_, grid)| grid.level == level) {
+                let mut one = group.create_group(&format!("Grid{id:08}"));
+                one.set_attr("GridRank", AttrValue::I64(3));
+                one.set_attr("BaryonFileName", AttrValue::AsciiString("./run/DD1.cpu0000".into()));
+                let end = grid.size.map(|n| i64::from(n) + 2);
+                one.create_dataset("GridStartIndex").with_i64_data(&[3, 3, 3]);
+                one.create_dataset("GridEndIndex").with_i64_data(&end);
+                one.create_dataset("GridLeftEdge").with_f64_data(&grid.left);
+                one.create_dataset("GridRightEdge").with_f64_data(&grid.right);
+                group.add_group(one.finish());
+            }
+            file.add_group(group.finish());
+        }
+        file.finish().unwrap()
+    }
+
+    fn write_tables(&self) {
+        std::fs::write(self.path().with_extension("hierarchy.hdf5"), self.tables()).unwrap();
+    }
+
+    fn write(&self) {
+        self.write_text(&self.text());
+        self.write_data();
+    }
+
+    /// Every grid with all its densities.
+    fn read(&self) -> Result<Vec<(GridRecord, Vec<f64>)>> {
+        let source = super::super::open(&self.path(), Some("enzo"))?;
+        let mut grids = Vec::new();
+        source.for_each_grid(&mut |grid| {
+            grids.push((grid, Vec::new()));
+            Ok(())
+        })?;
+        for (grid, values) in &mut grids {
+            let cells = grid.size.iter().try_fold(1u64, |n, &s| n.checked_mul(u64::from(s)));
+            // Whoever reads takes large grids in blocks.
+            let size = if cells.is_some_and(|n| n < 1 << 16) { grid.size } else { [1; 3] };
+            let block = GridBlock { lo: [0; 3], size };
+            values.resize(block.len(), 0.0);
+            source.read(grid, source.hierarchy().density.unwrap_or(0), block, values)?;
+        }
+        Ok(grids)
+    }
+
+    fn error(&self) -> String {
+        self.read().unwrap_err().to_string()
+    }
+}
+
+#[test]
+fn text_and_tables_tell_the_same_grids_and_data() {
+    let dump = MadeDump::new();
+    dump.write();
+    let from_text = dump.read().unwrap();
+    assert_eq!(from_text[0].0.lo, [0, 0, 0]);
+    assert_eq!(from_text[1].0.lo, [2, 2, 2]);
+    assert_eq!((from_text[2].0.lo, from_text[2].0.level), ([6, 4, 4], 2));
+    assert_eq!(from_text[2].1[0], 3000.0);
+    assert_eq!(from_text[2].1[31], 3031.0);
+    dump.write_tables();
+    std::fs::write(dump.path().with_extension("hierarchy"), "never looked at").unwrap();
+    assert_eq!(dump.read().unwrap(), from_text);
+}
+
+#[test]
+fn what_is_a_field_and_what_not() {
+    let dump = MadeDump::new();
+    dump.write();
+    assert!(recognises(&dump.path()));
+    let source = super::super::open(dump.folder.path(), None).unwrap();
+    let hierarchy = source.hierarchy();
+    let names: Vec<&str> = hierarchy.fields.iter().map(|f| f.name.as_str()).collect();
+    assert_eq!(names, ["Ax", "Density"]);
+    assert_eq!((hierarchy.density, hierarchy.time), (Some(1), Some(1.5)));
+    assert_eq!(hierarchy.fields[1].to_cgs, Some(2.0));
+    assert_eq!(hierarchy.levels.count(), 3);
+}
+
+#[test]
+fn a_factor_of_four_makes_levels_two_steps_apart() {
+    let mut dump = MadeDump::new();
+    dump.parameters = dump.parameters.replace("RefineBy = 2", "RefineBy = 4");
+    dump.grids.remove(1);
+    dump.grids[1].level = 1;
+    dump.write();
+    let grids = dump.read().unwrap();
+    assert_eq!((grids[1].0.lo, grids[1].0.level), ([6, 4, 4], 1));
+}
+
+#[test]
+fn parameters_that_do_not_fit_are_named() {
+    for (from, to, expected) in [
+        ("TopGridRank = 3", "TopGridRank = 2", "three-dimensional"),
+        ("Coordinate = 0", "Coordinate = 1", "Cartesian"),
+        ("RefineBy = 2", "RefineBy = 3", "factor 3"),
+        ("RefineBy = 2", "RefineBy = 1", "RefineBy = 1"),
+        ("RefineBy = 2\n", "", "no `RefineBy"),
+        ("4 6 8", "4 6", "TopGridDimensions = 4 6"),
+        ("4 6 8", "4 0 8", "along y"),
+        ("4 6 8", "4 99999999999 8", "along y"),
+        ("= 1 3 2", "= -1 3 2", "along x"),
+        ("= 1 3 2", "= nan 3 2", "along x"),
+    ] {
+        let mut dump = MadeDump::new();
+        dump.parameters = dump.parameters.replace(from, to);
+        // Cells are cubes of a power of three, so that only the factor is amiss.
+        if to == "RefineBy = 3" {
+            dump.grids.truncate(2);
+            dump.grids[1] = Made {
+                level: 1,
+                left: [-1.0, 0.0, 0.0],
+                right: [1.0, 3.0, 2.0],
+                size: [12, 18, 24],
+            };
+        }
+        dump.write();
+        let error = dump.error();
+        assert!(error.contains("DD1") && error.contains(expected), "{to}: {error}");
+    }
+}
+
+#[test]
+fn grids_that_do_not_fit_are_named() {
+    for (from, to, expected) in [
+        ("GridRank = 3", "GridRank = 1", "grid 1: not supported: GridRank = 1"),
+        ("= 6 4 6", "= 2 4 6", "grid 2: GridStartIndex 3 and GridEndIndex 2"),
+        ("= 6 4 6", "= 9223372036854775807 4 6", "grid 2: GridStartIndex"),
+        ("= 6 4 6", "= 6 5 6", "grid 2: its edges along y are 2 cells"),
+        ("= 6 4 6", "= 6 4", "`GridEndIndex = 6 4` is malformed"),
+        ("= -0.5 0.5", "= -0.42 0.5", "grid 2: its edge -0.42 along x lies 0.32 cells"),
+        ("= 0.5 1 0.75", "= 0.53 1 0.75", "grid 2: its edges along"),
+        ("= -0.5 0.5 0.25", "= 9.5 0.5 0.25", "grid 2: "),
+        ("= -0.5 0.5 0.25", "= inf 0.5 0.25", "malformed"),
+        ("= 1 3 2", "= 1 3 1e300", "grid 1: "),
+        ("= 1 3 2", "= 1 3 2.25", "grid 1: its edges along z are 9 cells"),
+        ("Grid = 2", "Grid = two", "`Grid = two` is malformed"),
+        ("Grid = 3", "Grid = 30", "/Grid00000030"),
+        ("GridStartIndex = 3 3 3\nGridEndIndex = 6 8 10\n", "", "grid 1: has no GridStartIndex"),
+        ("cpu0000", "cpu0007", "grid 1: its data file ./run/DD1.cpu0007 is neither"),
+    ] {
+        let dump = MadeDump::new();
+        dump.write();
+        assert!(dump.text().contains(from), "{from}");
+        dump.write_text(&dump.text().replacen(from, to, 1));
+        let error = dump.error();
+        assert!(error.contains("DD1") && error.contains(expected), "{to}: {error}");
+    }
+}
+
+#[test]
+fn edges_outside_the_domain_are_refused() {
+    let mut dump = MadeDump::new();
+    dump.grids[1].left[0] += 2.0;
+    dump.grids[1].right[0] += 2.0;
+    dump.write();
+    assert!(dump.error().contains("grid 2: its edges along x lie outside the domain"));
+    dump.write_tables();
+    assert!(dump.error().contains("hierarchy.hdf5: grid 2: its edges along x lie outside"));
+}
+
+#[test]
+fn a_cut_text_hierarchy_is_refused() {
+    let dump = MadeDump::new();
+    dump.write();
+    let text = dump.text();
+    let cut = text.find("\nGrid = 3").unwrap();
+    dump.write_text(&text[..cut]);
+    assert!(dump.error().contains("refers to grid 3, but ends at 2"));
+    dump.write_text("");
+    assert!(dump.error().contains("no grid of the root level"));
+    dump.write_text(&"x".repeat(1 << 20));
+    assert!(dump.error().contains("line 1: is too long"));
+}
+
+#[test]
+fn edges_too_deep_for_their_digits_are_refused_but_not_as_doubles() {
+    let mut dump = MadeDump::new();
+    dump.parameters = dump.parameters.replace("-1 0 0", "0 0 0").replace("1 3 2", "1 1 1");
+    dump.parameters = dump.parameters.replace("4 6 8", "16 16 16");
+    let root = Made { level: 0, left: [0.0; 3], right: [1.0; 3], size: [16; 3] };
+    dump.grids = vec![root];
+    for level in 1..=44 {
+        let width = 2f64.powi(-4 - level);
+        let left = (0.7 / width / 2.0).floor() * 2.0 * width;
+        let (left, right) = ([left; 3], [left + 4.0 * width; 3]);
+        dump.grids.push(Made { level: level as u32, left, right, size: [4; 3] });
+    }
+    dump.write();
+    let printed = dump.text().replace("\n\n", "\n");
+    dump.write_text(&rounded_to_14_digits(&printed));
+    let error = dump.error();
+    assert!(error.contains("too few digits") && error.contains("grid 43"), "{error}");
+    dump.write_tables();
+    let grids = dump.read().unwrap();
+    let deepest = grids.last().unwrap().0;
+    assert_eq!(deepest.level, 44);
+    let exact = (0.7 * 2f64.powi(47)).floor() as i128 * 2;
+    assert_eq!(deepest.lo, [exact; 3]);
+}
+
+/// Edges as Enzo prints them.
+fn rounded_to_14_digits(text: &str) -> String {
+    let round = |word: &str| match word.parse::<f64>() {
+        Ok(value) if word.contains('.') => format!("{value:.13e}"),
+        _ => word.to_owned(),
+    };
+    let line = |line: &str| match line.split_once(" = ") {
+        Some((key, list)) if key.ends_with("Edge") => {
+            let words: Vec<String> = list.split(' ').map(round).collect();
+            format!("{key} = {}", words.join(" "))
+        }
+        _ => line.to_owned(),
+    };
+    text.lines().map(line).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn runs_deeper_than_supported_are_refused() {
+    let mut dump = MadeDump::new();
+    dump.grids[2].level = 61;
+    dump.write();
+    dump.write_tables();
+    assert!(dump.error().contains("grid 3: not supported: lies at level 61"));
+}
+
+#[test]
+fn data_that_contradict_the_hierarchy_are_refused() {
+    let mut dump = MadeDump::new();
+    dump.write_text(&dump.text());
+    dump.grids[2].size = [2, 2, 4];
+    dump.write_data();
+    let error = dump.error();
+    // The first grid of a level tells the fields: none of its datasets have its shape.
+    assert!(error.contains("no field in common"), "{error}");
+    dump.grids.pop();
+    dump.write_data();
+    let error = dump.error();
+    assert!(error.contains("DD1.cpu0000: /Grid00000003"), "{error}");
+}
+
+#[test]
+fn missing_and_cut_files_are_named() {
+    let dump = MadeDump::new();
+    dump.write();
+    let data = dump.data();
+    std::fs::write(dump.path().with_extension("cpu0000"), &data[..data.len() / 2]).unwrap();
+    assert!(dump.error().contains("DD1.cpu0000"));
+    std::fs::remove_file(dump.path().with_extension("hierarchy")).unwrap();
+    assert!(dump.error().contains("DD1.hierarchy: is missing"));
+    std::fs::remove_file(dump.path()).unwrap();
+    assert!(dump.error().contains("DD1: cannot open"));
+}
+
+#[test]
+fn formats_are_told_by_content_and_named_where_none_fits() {
+    let dump = MadeDump::new();
+    dump.write();
+    let path = dump.folder.path().join("notes.txt");
+    std::fs::write(&path, "nothing").unwrap();
+    let error = super::super::open(&path, None).err().unwrap().to_string();
+    assert!(error.contains("notes.txt") && error.contains("looked for enzo"), "{error}");
+    let error = super::super::open(&dump.path(), Some("tiff")).err().unwrap().to_string();
+    assert!(error.contains("`tiff` is not known: there is enzo"), "{error}");
+}
+
+/// Numbers that look random and are the same in every run (xorshift).
+struct Noise(u64);
+
+impl Noise {
+    fn below(&mut self, limit: usize) -> usize {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 % limit as u64) as usize
+    }
+
+    /// Flips, replaces, cuts or doubles a few bytes.
+    fn damage(&mut self, bytes: &[u8]) -> Vec<u8> {
+        let mut bytes = bytes.to_vec();
+        for _ in 0..=self.below(3) {
+            let at = self.below(bytes.len().max(1)).min(bytes.len().saturating_sub(1));
+            match self.below(8) {
+                0 => bytes.truncate(at),
+                1 => bytes.extend_from_within(at..),
+                2 | 3 if at < bytes.len() => bytes[at] = b"0123456789-=.e \n\xff\0"[self.below(18)],
+                _ if at < bytes.len() => bytes[at] ^= 1 << self.below(8),
+                _ => {}
+            }
+        }
+        bytes
+    }
+}
+
+#[test]
+fn damaged_dumps_are_read_or_refused_but_never_panic() {
+    let dump = MadeDump::new();
+    dump.write();
+    let (text, tables, data) = (dump.text(), dump.tables(), dump.data());
+    let mut noise = Noise(0x9e37_79b9_7f4a_7c15);
+    let (mut read, mut refused) = (0, 0);
+    for round in 0..4000 {
+        let table_path = dump.path().with_extension("hierarchy.hdf5");
+        dump.write();
+        std::fs::remove_file(&table_path).ok();
+        match round % 4 {
+            0 => dump.write_text(&String::from_utf8_lossy(&noise.damage(text.as_bytes()))),
+            1 => {
+                std::fs::write(dump.path(), noise.damage(dump.parameters.as_bytes())).unwrap();
+            }
+            2 => std::fs::write(&table_path, noise.damage(&tables)).unwrap(),
+            _ => {
+                let damaged = noise.damage(&data);
+                std::fs::write(dump.path().with_extension("cpu0000"), damaged).unwrap();
+            }
+        }
+        match dump.read() {
+            Ok(_) => read += 1,
+            Err(error) => {
+                refused += 1;
+                assert_eq!(error.to_string().lines().count(), 1, "{error}");
+            }
+        }
+    }
+    assert!(read > 100 && refused > 1000, "{read} read, {refused} refused");
+}

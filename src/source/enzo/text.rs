@@ -1,0 +1,162 @@
+//! The text hierarchy: `Key = values` lines, one group of them a grid, read as a stream.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+
+use super::listing::{Edge, ListedGrid};
+use super::parameters::{parse_list, shown};
+use crate::{Error, Result};
+
+/// Longest line accepted.
+const LONGEST_LINE: u64 = 1 << 16;
+
+/// Hands every grid of the hierarchy at `path` to `visit`.
+///
+/// # Errors
+/// A file that cannot be read, malformed or incomplete grids, `Pointer:` lines that name grids
+/// which aren't listed (a truncated file); and what `visit` returns.
+pub(super) fn for_each_grid(
+    path: &Path,
+    visit: &mut dyn FnMut(ListedGrid) -> Result<()>,
+) -> Result<()> {
+    let file = File::open(path).map_err(|e| Error::io(path, "cannot open the hierarchy", e))?;
+    read_grids(path, BufReader::with_capacity(1 << 16, file), visit)
+}
+
+fn read_grids(
+    path: &Path,
+    mut input: impl BufRead,
+    visit: &mut dyn FnMut(ListedGrid) -> Result<()>,
+) -> Result<()> {
+    let mut lines = Lines { path, number: 0, buffer: Vec::new() };
+    let mut grid: Option<Draft> = None;
+    let (mut largest, mut pointed) = (0, 0);
+    while let Some(line) = lines.next(&mut input)? {
+        if let Some(target) = pointer(&line) {
+            pointed = pointed.max(target);
+            continue;
+        }
+        let Some((key, value)) = line.split_once('=') else { continue };
+        let (key, value) = (key.trim(), value.trim());
+        if key == "Grid" {
+            let id = value.parse().map_err(|_| lines.fault(&line))?;
+            if let Some(done) = grid.replace(Draft { id, ..Draft::default() }) {
+                visit(done.finish(path)?)?;
+            }
+            largest = largest.max(id);
+        } else if let Some(grid) = &mut grid {
+            grid.take(key, value).ok_or_else(|| lines.fault(&line))?;
+        }
+    }
+    if let Some(done) = grid {
+        visit(done.finish(path)?)?;
+    }
+    if pointed > largest {
+        let reason = format!("refers to grid {pointed}, but ends at {largest}: is it truncated?");
+        return Err(Error::invalid(path.display(), reason));
+    }
+    Ok(())
+}
+
+/// The grid that a line `Pointer: Grid[1]->NextGridThisLevel = 2` names.
+fn pointer(line: &str) -> Option<u64> {
+    line.strip_prefix("Pointer:")?.rsplit_once('=')?.1.trim().parse().ok()
+}
+
+struct Lines<'a> {
+    path: &'a Path,
+    number: u64,
+    buffer: Vec<u8>,
+}
+
+impl Lines<'_> {
+    fn next(&mut self, input: &mut impl BufRead) -> Result<Option<String>> {
+        self.buffer.clear();
+        self.number += 1;
+        let read = input
+            .take(LONGEST_LINE)
+            .read_until(b'\n', &mut self.buffer)
+            .map_err(|e| Error::io(self.path, "cannot read the hierarchy", e))?;
+        if read as u64 == LONGEST_LINE {
+            return Err(Error::invalid(
+                format!("{}: line {}", self.path.display(), self.number),
+                "is too long for a text hierarchy",
+            ));
+        }
+        Ok((read > 0).then(|| String::from_utf8_lossy(&self.buffer).into_owned()))
+    }
+
+    fn fault(&self, line: &str) -> Error {
+        Error::invalid(
+            format!("{}: line {}", self.path.display(), self.number),
+            format!("`{}` is malformed", shown(line.trim())),
+        )
+    }
+}
+
+/// A grid whose lines are being read.
+#[derive(Default)]
+struct Draft {
+    id: u64,
+    rank: Option<i64>,
+    start: Option<[i64; 3]>,
+    end: Option<[i64; 3]>,
+    left: Option<[Edge; 3]>,
+    right: Option<[Edge; 3]>,
+    baryon_file: Option<String>,
+    particle_file: Option<String>,
+}
+
+impl Draft {
+    /// Takes one line's value; none where it is malformed.
+    fn take(&mut self, key: &str, value: &str) -> Option<()> {
+        match key {
+            "GridRank" => self.rank = Some(value.parse().ok()?),
+            // Grids of fewer axes have shorter lists; their rank is refused later.
+            "GridStartIndex" if self.is_solid() => self.start = Some(parse_list(value)?),
+            "GridEndIndex" if self.is_solid() => self.end = Some(parse_list(value)?),
+            "GridLeftEdge" if self.is_solid() => self.left = Some(edges(value)?),
+            "GridRightEdge" if self.is_solid() => self.right = Some(edges(value)?),
+            "BaryonFileName" => self.baryon_file = Some(value.to_owned()),
+            "ParticleFileName" => self.particle_file = Some(value.to_owned()),
+            _ => {}
+        }
+        Some(())
+    }
+
+    fn is_solid(&self) -> bool {
+        self.rank.is_none_or(|rank| rank == 3)
+    }
+
+    fn finish(self, path: &Path) -> Result<ListedGrid> {
+        let place = format!("{}: grid {}", path.display(), self.id);
+        if let Some(rank) = self.rank.filter(|&rank| rank != 3) {
+            let reason = format!("GridRank = {rank}: only three-dimensional grids can be read");
+            return Err(Error::not_supported(place, reason));
+        }
+        let missing = |key: &str| Error::invalid(&place, format!("has no {key}: truncated file?"));
+        Ok(ListedGrid {
+            id: self.id,
+            level: None,
+            start: self.start.ok_or_else(|| missing("GridStartIndex"))?,
+            end: self.end.ok_or_else(|| missing("GridEndIndex"))?,
+            left: self.left.ok_or_else(|| missing("GridLeftEdge"))?,
+            right: self.right.ok_or_else(|| missing("GridRightEdge"))?,
+            file: self
+                .baryon_file
+                .or(self.particle_file)
+                .ok_or_else(|| missing("BaryonFileName"))?,
+        })
+    }
+}
+
+fn edges(text: &str) -> Option<[Edge; 3]> {
+    let words: [String; 3] = parse_list(text)?;
+    let edge = |word: String| {
+        let value: f64 = word.parse().ok()?;
+        value.is_finite().then_some(Edge::Printed(word, value))
+    };
+    let [x, y, z] = words.map(edge);
+    Some([x?, y?, z?])
+}

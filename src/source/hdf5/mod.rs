@@ -1,0 +1,306 @@
+//! HDF5 files behind one small interface: the one place that knows an HDF5 library.
+//!
+//! The library is `hdf5-reader` (pure Rust), or the C library with the feature `libhdf5`. Both
+//! return the same values; a file's claims never make either reserve more than [`READ_VALUES`]
+//! at a time or what the file really holds.
+
+#[cfg(feature = "libhdf5")]
+mod native;
+mod pool;
+#[cfg(any(test, not(feature = "libhdf5")))]
+mod pure;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+pub use pool::Pool;
+
+use crate::{Error, Result};
+
+#[cfg(feature = "libhdf5")]
+type Library = native::Native;
+#[cfg(not(feature = "libhdf5"))]
+type Library = pure::Pure;
+
+/// Most values that one call of the library reads; larger blocks are read in parts.
+const READ_VALUES: usize = 1 << 19;
+/// Most values of a list that is read whole, [`File::values`].
+const LIST_VALUES: usize = 1 << 20;
+
+/// What a dataset's elements are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Element {
+    /// IEEE numbers of 32 or 64 bits, either byte order.
+    Float,
+    /// Signed or unsigned integers of 8 to 64 bits, either byte order.
+    Integer,
+    /// Strings of fixed or variable length.
+    Text,
+    /// Anything else: present, but not read.
+    Other,
+}
+
+/// A dataset's shape, slowest axis first, and kind of elements.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Dataset {
+    /// Extents, slowest axis first; empty for a scalar.
+    pub shape: Vec<u64>,
+    /// What the elements are.
+    pub element: Element,
+}
+
+/// Names of a group's members.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Members {
+    /// Groups, sorted.
+    pub groups: Vec<String>,
+    /// Datasets, sorted.
+    pub datasets: Vec<String>,
+}
+
+/// An attribute's or a list's values; a scalar is a list of one.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Values {
+    /// Integers; those beyond i64 are held at its limit.
+    Integers(Vec<i64>),
+    /// Floating point numbers.
+    Floats(Vec<f64>),
+    /// Strings without padding.
+    Text(Vec<String>),
+}
+
+impl Values {
+    /// The integers, if these are `N` of them.
+    pub fn integers<const N: usize>(&self) -> Option<[i64; N]> {
+        match self {
+            Self::Integers(list) => list.as_slice().try_into().ok(),
+            _ => None,
+        }
+    }
+
+    /// The floating point numbers, if these are `N` of them.
+    pub fn floats<const N: usize>(&self) -> Option<[f64; N]> {
+        match self {
+            Self::Floats(list) => list.as_slice().try_into().ok(),
+            _ => None,
+        }
+    }
+
+    /// The string, if this is one.
+    pub fn text(&self) -> Option<&str> {
+        match self {
+            Self::Text(list) if list.len() == 1 => list.first().map(String::as_str),
+            _ => None,
+        }
+    }
+}
+
+/// What an HDF5 library offers. Reasons of failure are plain text; [`File`] adds the place.
+trait Backend: Send + Sync {
+    /// Opens the file at `path`.
+    fn open(path: &Path) -> Result<Self, String>
+    where
+        Self: Sized;
+
+    /// Names in a group.
+    fn members(&self, group: &str) -> Result<Members, String>;
+
+    /// A group's attributes; those of a kind that [`Values`] does not hold are left out.
+    fn attributes(&self, group: &str) -> Result<BTreeMap<String, Values>, String>;
+
+    /// A dataset's shape and elements.
+    fn dataset(&self, path: &str) -> Result<Dataset, String>;
+
+    /// All strings of a dataset.
+    fn strings(&self, path: &str) -> Result<Vec<String>, String>;
+
+    /// The block of `count` elements from `start`, as f64, last axis fastest.
+    fn read_f64(
+        &self,
+        path: &str,
+        start: &[u64],
+        count: &[u64],
+        out: &mut [f64],
+    ) -> Result<(), String>;
+
+    /// The block of `count` integers from `start`, last axis fastest.
+    fn read_i64(
+        &self,
+        path: &str,
+        start: &[u64],
+        count: &[u64],
+        out: &mut [i64],
+    ) -> Result<(), String>;
+}
+
+/// An open HDF5 file. Reading may happen on several threads at once.
+pub struct File {
+    path: PathBuf,
+    backend: Box<dyn Backend>,
+}
+
+impl File {
+    /// Opens `path` for reading.
+    ///
+    /// # Errors
+    /// A file that cannot be opened or is not HDF5.
+    pub fn open(path: &Path) -> Result<Self> {
+        Self::open_with::<Library>(path)
+    }
+
+    fn open_with<B: Backend + 'static>(path: &Path) -> Result<Self> {
+        std::fs::File::open(path).map_err(|e| Error::io(path, "cannot open", e))?;
+        let backend = B::open(path).map_err(|reason| {
+            Error::invalid(path.display(), format!("cannot be read as HDF5: {reason}"))
+        })?;
+        Ok(Self { path: path.to_path_buf(), backend: Box::new(backend) })
+    }
+
+    /// Names in group `group` (`/` is the root).
+    ///
+    /// # Errors
+    /// No such group, or a damaged one.
+    pub fn members(&self, group: &str) -> Result<Members> {
+        let mut members = self.backend.members(group).map_err(|e| self.fault(group, e))?;
+        members.groups.sort();
+        members.datasets.sort();
+        Ok(members)
+    }
+
+    /// Attributes of group `group`; those that are neither numbers nor strings are left out.
+    ///
+    /// # Errors
+    /// No such group, or a damaged one.
+    pub fn attributes(&self, group: &str) -> Result<BTreeMap<String, Values>> {
+        self.backend.attributes(group).map_err(|e| self.fault(group, e))
+    }
+
+    /// Shape and elements of the dataset at `path`.
+    ///
+    /// # Errors
+    /// No such dataset, or a damaged one.
+    pub fn dataset(&self, path: &str) -> Result<Dataset> {
+        self.backend.dataset(path).map_err(|e| self.fault(path, e))
+    }
+
+    /// All values of a short list: a scalar or 1-D dataset.
+    ///
+    /// # Errors
+    /// No such dataset, one of more axes or more than a million values, or one that is neither
+    /// numbers nor strings.
+    pub fn values(&self, path: &str) -> Result<Values> {
+        let Dataset { shape, element } = self.dataset(path)?;
+        let length = shape.first().copied().unwrap_or(1);
+        let length = usize::try_from(length).unwrap_or(usize::MAX);
+        if shape.len() > 1 || length > LIST_VALUES {
+            return Err(self.fault(path, format!("expected a short list, found shape {shape:?}")));
+        }
+        let start = vec![0; shape.len()];
+        match element {
+            Element::Float => {
+                let mut list = vec![0.0; length];
+                self.read_f64(path, &start, &shape, &mut list)?;
+                Ok(Values::Floats(list))
+            }
+            Element::Integer => {
+                let mut list = vec![0; length];
+                self.read_i64(path, &start, &shape, &mut list)?;
+                Ok(Values::Integers(list))
+            }
+            Element::Text => {
+                Ok(Values::Text(self.backend.strings(path).map_err(|e| self.fault(path, e))?))
+            }
+            Element::Other => Err(self.fault(path, "is neither numbers nor strings")),
+        }
+    }
+
+    /// Reads the block of `count` elements from `start` (both slowest axis first) of the dataset
+    /// at `path` into `out`, last axis fastest, widened to f64.
+    ///
+    /// # Errors
+    /// No such dataset, a block that is not inside it or not of `out`'s length, elements that are
+    /// not numbers, damaged or missing data.
+    pub fn read_f64(
+        &self,
+        path: &str,
+        start: &[u64],
+        count: &[u64],
+        out: &mut [f64],
+    ) -> Result<()> {
+        self.check_block(path, start, count, out.len())?;
+        read_in_parts(start, count, out, &mut |start, count, out| {
+            self.backend.read_f64(path, start, count, out).map_err(|e| self.fault(path, e))
+        })
+    }
+
+    /// [`Self::read_f64`] for integers, kept exact; those beyond i64 are held at its limit.
+    ///
+    /// # Errors
+    /// As [`Self::read_f64`], and elements that are not integers.
+    pub fn read_i64(
+        &self,
+        path: &str,
+        start: &[u64],
+        count: &[u64],
+        out: &mut [i64],
+    ) -> Result<()> {
+        self.check_block(path, start, count, out.len())?;
+        read_in_parts(start, count, out, &mut |start, count, out| {
+            self.backend.read_i64(path, start, count, out).map_err(|e| self.fault(path, e))
+        })
+    }
+
+    fn check_block(&self, path: &str, start: &[u64], count: &[u64], len: usize) -> Result<()> {
+        let shape = self.dataset(path)?.shape;
+        let inside = shape.len() == start.len()
+            && shape.len() == count.len()
+            && (0..shape.len())
+                .all(|a| start[a].checked_add(count[a]).is_some_and(|end| end <= shape[a]));
+        let values = count.iter().try_fold(1u64, |product, &n| product.checked_mul(n));
+        if inside && values == u64::try_from(len).ok() {
+            return Ok(());
+        }
+        let reason = format!(
+            "a block of {count:?} values from {start:?} was asked for, the dataset has {shape:?}"
+        );
+        Err(self.fault(path, reason))
+    }
+
+    fn fault(&self, object: &str, reason: impl Into<String>) -> Error {
+        Error::invalid(format!("{}: {object}", self.path.display()), reason)
+    }
+}
+
+/// `text` without the blanks or zeros that fill up strings of fixed length.
+fn unpadded(text: &str) -> String {
+    text.trim_end_matches([' ', '\0']).to_owned()
+}
+
+/// Calls `read` for parts of at most [`READ_VALUES`] values, halving the slowest axis that has
+/// more than one index, so that each part is contiguous in `out`.
+fn read_in_parts<T>(
+    start: &[u64],
+    count: &[u64],
+    out: &mut [T],
+    read: &mut dyn FnMut(&[u64], &[u64], &mut [T]) -> Result<()>,
+) -> Result<()> {
+    if out.is_empty() {
+        return Ok(());
+    }
+    let axis = count.iter().position(|&n| n > 1).filter(|_| out.len() > READ_VALUES);
+    let Some(axis) = axis else {
+        return read(start, count, out);
+    };
+    let half = count[axis] / 2;
+    let inner: u64 = count[axis + 1..].iter().product();
+    let (lower, upper) = out.split_at_mut(usize::try_from(half * inner).unwrap_or(usize::MAX));
+    let (mut lower_count, mut upper_count) = (count.to_vec(), count.to_vec());
+    lower_count[axis] = half;
+    upper_count[axis] -= half;
+    let mut upper_start = start.to_vec();
+    upper_start[axis] += half;
+    read_in_parts(start, &lower_count, lower, read)?;
+    read_in_parts(&upper_start, &upper_count, upper, read)
+}

@@ -1,0 +1,178 @@
+//! HDF5 by the C library, for files whose filters or types the pure-Rust reader does not know.
+//! The library takes one lock for every call.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use hdf5::types::{
+    FixedAscii, FixedUnicode, FloatSize, TypeDescriptor, VarLenAscii, VarLenUnicode,
+};
+use hdf5::{Container, Group, H5Type, Hyperslab, LocationType, SliceOrIndex};
+
+use super::{Backend, Dataset, Element, Members, Values};
+
+/// Longest string of fixed length that is read.
+const LONGEST_STRING: usize = 4096;
+
+/// A file open in the C library.
+pub(super) struct Native {
+    file: hdf5::File,
+}
+
+impl Backend for Native {
+    fn open(path: &Path) -> Result<Self, String> {
+        // Reasons come back as errors; the library would print them as well.
+        hdf5::silence_errors(true);
+        Ok(Self { file: hdf5::File::open(path).map_err(reason)? })
+    }
+
+    fn members(&self, group: &str) -> Result<Members, String> {
+        let group = self.group(group)?;
+        let mut members = Members::default();
+        for name in group.member_names().map_err(reason)? {
+            match group.loc_type_by_name(&name) {
+                Ok(LocationType::Group) => members.groups.push(name),
+                Ok(LocationType::Dataset) => members.datasets.push(name),
+                // Types, and links that lead nowhere.
+                _ => {}
+            }
+        }
+        Ok(members)
+    }
+
+    fn attributes(&self, group: &str) -> Result<BTreeMap<String, Values>, String> {
+        let group = self.group(group)?;
+        let mut attributes = BTreeMap::new();
+        for name in group.attr_names().map_err(reason)? {
+            let attribute = group.attr(&name).map_err(reason)?;
+            let values = match element(&attribute) {
+                Element::Float => attribute.read_raw().ok().map(Values::Floats),
+                Element::Integer => attribute.read_raw().ok().map(Values::Integers),
+                Element::Text => strings(&attribute).ok().map(Values::Text),
+                Element::Other => None,
+            };
+            attributes.extend(values.map(|values| (name, values)));
+        }
+        Ok(attributes)
+    }
+
+    fn dataset(&self, path: &str) -> Result<Dataset, String> {
+        let dataset = self.file.dataset(path).map_err(reason)?;
+        let shape = dataset.shape().iter().map(|&n| n as u64).collect();
+        Ok(Dataset { shape, element: element(&dataset) })
+    }
+
+    fn strings(&self, path: &str) -> Result<Vec<String>, String> {
+        strings(&*self.file.dataset(path).map_err(reason)?)
+    }
+
+    fn read_f64(
+        &self,
+        path: &str,
+        start: &[u64],
+        count: &[u64],
+        out: &mut [f64],
+    ) -> Result<(), String> {
+        let dataset = self.file.dataset(path).map_err(reason)?;
+        match element(&dataset) {
+            Element::Float | Element::Integer => read(&dataset, start, count, out),
+            _ => Err("its elements are not numbers of a supported kind".into()),
+        }
+    }
+
+    fn read_i64(
+        &self,
+        path: &str,
+        start: &[u64],
+        count: &[u64],
+        out: &mut [i64],
+    ) -> Result<(), String> {
+        let dataset = self.file.dataset(path).map_err(reason)?;
+        match element(&dataset) {
+            Element::Integer => read(&dataset, start, count, out),
+            _ => Err("its elements are not integers".into()),
+        }
+    }
+}
+
+impl Native {
+    fn group(&self, path: &str) -> Result<Group, String> {
+        self.file.group(path).map_err(reason)
+    }
+}
+
+/// Reads a block; the library widens the elements.
+fn read<T: H5Type + Copy>(
+    dataset: &Container,
+    start: &[u64],
+    count: &[u64],
+    out: &mut [T],
+) -> Result<(), String> {
+    let mut slices = Vec::with_capacity(count.len());
+    for (&start, &count) in start.iter().zip(count) {
+        let range = usize::try_from(start)
+            .ok()
+            .zip(usize::try_from(count).ok())
+            .and_then(|(start, count)| Some(start..start.checked_add(count)?))
+            .ok_or("the block is beyond this machine's memory")?;
+        slices.push(SliceOrIndex::from(range));
+    }
+    let values = if slices.is_empty() {
+        dataset.read_dyn::<T>()
+    } else {
+        dataset.read_slice(Hyperslab::from(slices))
+    };
+    let values = values.map_err(reason)?;
+    if values.len() != out.len() {
+        return Err(format!("{} values were read, {} expected", values.len(), out.len()));
+    }
+    for (to, from) in out.iter_mut().zip(values) {
+        *to = from;
+    }
+    Ok(())
+}
+
+fn element(object: &Container) -> Element {
+    match object.dtype().and_then(|datatype| datatype.to_descriptor()) {
+        Ok(TypeDescriptor::Float(FloatSize::U4 | FloatSize::U8)) => Element::Float,
+        Ok(TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_)) => Element::Integer,
+        Ok(
+            TypeDescriptor::FixedAscii(_)
+            | TypeDescriptor::FixedUnicode(_)
+            | TypeDescriptor::VarLenAscii
+            | TypeDescriptor::VarLenUnicode,
+        ) => Element::Text,
+        _ => Element::Other,
+    }
+}
+
+fn strings(object: &Container) -> Result<Vec<String>, String> {
+    let datatype = object.dtype().and_then(|datatype| datatype.to_descriptor()).map_err(reason)?;
+    match datatype {
+        TypeDescriptor::FixedAscii(n) | TypeDescriptor::FixedUnicode(n) if n > LONGEST_STRING => {
+            Err(format!("its strings are longer than {LONGEST_STRING} bytes"))
+        }
+        TypeDescriptor::FixedAscii(_) => {
+            texts(object, |text: &FixedAscii<LONGEST_STRING>| text.as_str())
+        }
+        TypeDescriptor::FixedUnicode(_) => {
+            texts(object, |text: &FixedUnicode<LONGEST_STRING>| text.as_str())
+        }
+        TypeDescriptor::VarLenAscii => texts(object, VarLenAscii::as_str),
+        TypeDescriptor::VarLenUnicode => texts(object, VarLenUnicode::as_str),
+        _ => Err("its elements are not strings".into()),
+    }
+}
+
+/// All elements of `object`, read as `T`, without padding.
+fn texts<T: H5Type>(
+    object: &Container,
+    as_str: impl Fn(&T) -> &str,
+) -> Result<Vec<String>, String> {
+    let raw: Vec<T> = object.read_raw().map_err(reason)?;
+    Ok(raw.iter().map(|text| super::unpadded(as_str(text))).collect())
+}
+
+fn reason(error: hdf5::Error) -> String {
+    error.to_string()
+}

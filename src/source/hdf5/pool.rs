@@ -1,0 +1,95 @@
+//! A bounded number of open files.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::File;
+use crate::Result;
+
+/// Most files kept open: a run can have thousands.
+const MOST_OPEN: usize = 16;
+/// Files are opened afresh after this many uses, because the library remembers every object it
+/// has met (about 2 kB each) for as long as the file is open.
+const MOST_USES: u32 = 1024;
+
+/// Open files, the longest unused closed first.
+#[derive(Default)]
+pub struct Pool {
+    state: Mutex<State>,
+}
+
+#[derive(Default)]
+struct State {
+    /// The latest used last.
+    files: Vec<(PathBuf, Arc<File>)>,
+    uses: u32,
+}
+
+impl Pool {
+    /// The file at `path`, opened if it is not open.
+    ///
+    /// # Errors
+    /// As [`File::open`].
+    pub fn get(&self, path: &Path) -> Result<Arc<File>> {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        state.uses += 1;
+        if state.uses > MOST_USES {
+            state.files.clear();
+            state.uses = 0;
+        }
+        if let Some(at) = state.files.iter().position(|(open, _)| open == path) {
+            let entry = state.files.remove(at);
+            let file = Arc::clone(&entry.1);
+            state.files.push(entry);
+            return Ok(file);
+        }
+        let file = Arc::new(File::open(path)?);
+        if state.files.len() == MOST_OPEN {
+            state.files.remove(0);
+        }
+        state.files.push((path.to_path_buf(), Arc::clone(&file)));
+        Ok(file)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_files_stay_open_and_the_latest_used_is_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let paths: Vec<PathBuf> = (0..MOST_OPEN + 4)
+            .map(|i| {
+                let path = folder.path().join(format!("{i}.h5"));
+                let mut builder = hdf5_pure::FileBuilder::new();
+                builder.create_dataset("one").with_i32_data(&[i32::try_from(i).unwrap()]);
+                builder.write(&path).unwrap();
+                path
+            })
+            .collect();
+        let pool = Pool::default();
+        let first = pool.get(&paths[0]).unwrap();
+        for path in &paths {
+            pool.get(path).unwrap();
+            assert!(Arc::ptr_eq(&first, &pool.get(&paths[0]).unwrap()));
+        }
+        assert_eq!(pool.state.lock().unwrap().files.len(), MOST_OPEN);
+        assert!(pool.get(&folder.path().join("absent.h5")).is_err());
+    }
+
+    #[test]
+    fn what_the_library_remembers_is_let_go_after_many_uses() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.h5");
+        let mut builder = hdf5_pure::FileBuilder::new();
+        builder.create_dataset("one").with_i32_data(&[1]);
+        builder.write(&path).unwrap();
+        let pool = Pool::default();
+        let first = pool.get(&path).unwrap();
+        for _ in 0..MOST_USES {
+            pool.get(&path).unwrap();
+        }
+        assert!(!Arc::ptr_eq(&first, &pool.get(&path).unwrap()));
+    }
+}
