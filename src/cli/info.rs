@@ -1,0 +1,185 @@
+//! `deepfield info`.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::{Value, json};
+
+use super::output::Output;
+use super::{ingest, progress::Bar, size};
+use crate::cache::{Cache, CachedField, Header, TreeLevel};
+use crate::ingest::{Options, Progress};
+use crate::source::{self, Source};
+use crate::{Error, Result};
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// A simulation output or a cache
+    input: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+    /// The input's format (default: told by its content)
+    #[arg(long, value_name = "NAME")]
+    format: Option<String>,
+}
+
+/// Windows of a cache's index that are mapped: none is read.
+const WINDOWS: usize = 1;
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let facts = if Cache::is_cache(&arguments.input) {
+        let cache = Cache::open(&arguments.input, WINDOWS)?;
+        facts(cache.header(), &arguments.input, &json!("cache"))
+    } else {
+        let source = source::open(&arguments.input, arguments.format.as_deref())?;
+        let header = survey(source.as_ref())?;
+        facts(&header, &arguments.input, &json!("simulation output"))
+    };
+    let mut output = Output::new();
+    if arguments.json {
+        let text = serde_json::to_string_pretty(&facts)
+            .map_err(|error| Error::request(format!("cannot write JSON: {error}")))?;
+        output.line(text)?;
+    } else {
+        print(&facts, &mut output)?;
+    }
+    output.finish()
+}
+
+/// Reads all fields of a source: extrema and sums over leaf cells are not in its headers.
+fn survey(source: &dyn Source) -> Result<Header> {
+    let fields = source.hierarchy().fields.iter().map(|field| field.name.clone());
+    let options = Options { fields: fields.collect(), ..Options::default() };
+    let bar = Bar::new("reading", "bricks");
+    let mut listener = |stage, done, total| bar.show(ingest::label(stage), done, total);
+    let mut progress = Progress::new(&mut listener);
+    crate::ingest::survey(source, &std::env::temp_dir(), &options, &mut progress)
+}
+
+fn facts(header: &Header, path: &Path, kind: &Value) -> Value {
+    let levels = || header.levels.iter();
+    let simulated = || levels().filter(|level| level.simulation.is_some());
+    let mut facts = json!({
+        "path": path.display().to_string(),
+        "kind": kind,
+        "format": header.source_format,
+        "time": header.time,
+        "domain": {
+            "left": header.domain.left(),
+            "right": header.domain.right(),
+            "root_cells": header.domain.root_cells(),
+        },
+        "max_level": simulated().filter_map(|level| level.simulation).max(),
+        "refinement_factors": factors(header),
+        "grids": levels().map(|level| level.grids).sum::<u64>(),
+        "cells": simulated().map(|level| level.cells).sum::<u64>(),
+        "leaf_cells": levels().map(|level| level.leaf_cells).sum::<u64>(),
+        "brick_edge": header.shape.edge(),
+        "bricks": header.nodes(),
+        "levels": levels().map(level_facts).collect::<Vec<_>>(),
+        "fields": header.fields.iter().map(field_facts).collect::<Vec<_>>(),
+    });
+    if kind == "cache"
+        && let Some(facts) = facts.as_object_mut()
+    {
+        facts.insert("file_bytes".into(), json!(header.file_bytes));
+        facts.insert("checksum".into(), json!(format!("{:016x}", header.checksum)));
+    }
+    facts
+}
+
+fn factors(header: &Header) -> Vec<u32> {
+    let simulated = header.levels.iter().filter(|level| level.simulation.is_some());
+    let octree: Vec<i32> = simulated.map(|level| level.octree).collect();
+    octree.windows(2).map(|pair| 1 << (pair[1] - pair[0])).collect()
+}
+
+fn level_facts(level: &TreeLevel) -> Value {
+    json!({
+        "level": level.simulation,
+        "octree_level": level.octree,
+        "grids": level.grids,
+        "cells": level.cells,
+        "leaf_cells": level.leaf_cells,
+        "bricks": level.nodes,
+    })
+}
+
+fn field_facts(field: &CachedField) -> Value {
+    json!({
+        "name": field.name,
+        "units": field.units,
+        "to_cgs": field.to_cgs,
+        "min": field.min,
+        "max": field.max,
+        "smallest_positive": field.smallest_positive,
+        "sum": field.sum,
+        "sum_as_stored": field.stored_sum,
+        "exponent": field.exponent,
+        "relative_error": field.relative_error,
+        "nan_cells": field.nan_cells,
+        "dropped_cells": field.dropped_cells,
+        "dropped_volume": field.dropped_volume,
+        "dropped_sum": field.dropped_sum,
+    })
+}
+
+fn print(facts: &Value, output: &mut Output) -> Result<()> {
+    let text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+    for key in ["path", "kind", "format", "time", "max_level", "refinement_factors", "grids",
+        "cells", "leaf_cells", "brick_edge", "bricks", "checksum"]
+    {
+        if let Some(value) = facts.get(key) {
+            output.line(format!("{key}: {}", text(value)))?;
+        }
+    }
+    if let Some(bytes) = facts.get("file_bytes").and_then(Value::as_u64) {
+        output.line(format!("file: {bytes} bytes ({})", size::show(bytes)))?;
+    }
+    let domain = &facts["domain"];
+    let (left, right, cells) = (&domain["left"], &domain["right"], &domain["root_cells"]);
+    output.line(format!("domain: {left} to {right}, root grid {cells}"))?;
+    let title = ["level", "octree", "grids", "cells", "leaf cells", "bricks"];
+    output.line(row(&title.map(str::to_owned)))?;
+    for level in facts["levels"].as_array().into_iter().flatten() {
+        let simulation = &level["level"];
+        let name = if simulation.is_null() { "–".to_owned() } else { text(simulation) };
+        let [octree, grids, cells, leaf, bricks] =
+            ["octree_level", "grids", "cells", "leaf_cells", "bricks"].map(|k| text(&level[k]));
+        output.line(row(&[name, octree, grids, cells, leaf, bricks]))?;
+    }
+    for field in facts["fields"].as_array().into_iter().flatten() {
+        print_field(field, output)?;
+    }
+    Ok(())
+}
+
+fn row(cells: &[String; 6]) -> String {
+    cells.iter().map(|cell| format!("{cell:>12}")).collect()
+}
+
+fn print_field(field: &Value, output: &mut Output) -> Result<()> {
+    let number = |key: &str| field[key].to_string();
+    let unit = field["units"].as_str().map_or_else(String::new, |unit| format!(" {unit}"));
+    output.line(format!(
+        "field {}: {} to {}{unit}, sum value·volume {} (as stored {})",
+        field["name"].as_str().unwrap_or("?"),
+        number("min"),
+        number("max"),
+        number("sum"),
+        number("sum_as_stored"),
+    ))?;
+    if field["dropped_cells"].as_u64().is_some_and(|cells| cells > 0) {
+        output.line(format!(
+            "  dropped: {} leaf cells, volume {}, sum value·volume {}",
+            number("dropped_cells"),
+            number("dropped_volume"),
+            number("dropped_sum")
+        ))?;
+    }
+    if field["nan_cells"].as_u64().is_some_and(|cells| cells > 0) {
+        output.line(format!("  NaN: {} leaf cells", number("nan_cells")))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,120 @@
+//! `deepfield ingest`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::progress::Bar;
+use super::{output::Output, size};
+use crate::cache::Header;
+use crate::ingest::{Options, Progress, Stage};
+use crate::space::Decimal;
+use crate::{Error, Result, source};
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// The simulation output: its parameter file, hierarchy file or folder
+    input: PathBuf,
+    /// The cache to write
+    #[arg(short, long, value_name = "CACHE")]
+    output: PathBuf,
+    /// A field to ingest (repeat for more; default: the density)
+    #[arg(long, value_name = "NAME")]
+    field: Vec<String>,
+    /// Memory limit
+    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse)]
+    memory: u64,
+    /// Threads (default: all cores)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Option<u32>,
+    /// The input's format (default: told by its content)
+    #[arg(long, value_name = "NAME")]
+    format: Option<String>,
+    /// Leave out levels deeper than this
+    #[arg(long, value_name = "L")]
+    max_level: Option<u32>,
+    /// Store values with a relative error of at most this (0: lossless)
+    #[arg(long, value_name = "E", default_value_t = 0.0)]
+    error: f64,
+    /// Leave out cells whose value is below this: they count as nothing there
+    #[arg(long, value_name = "V", allow_hyphen_values = true)]
+    drop_below: Option<f64>,
+    /// Keep only this box: its lower and upper corner, each `x,y,z` in code length
+    #[arg(long, value_names = ["LO", "HI"], num_args = 2, allow_hyphen_values = true)]
+    region: Option<Vec<String>>,
+    /// Cells along a brick's edge: 8, 16 or 32 (default: what costs least)
+    #[arg(long, value_name = "B")]
+    brick: Option<u32>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let options = Options {
+        fields: arguments.field.clone(),
+        memory: arguments.memory,
+        threads: arguments.threads.map(|n| n as usize),
+        max_level: arguments.max_level,
+        relative_error: arguments.error,
+        drop_below: arguments.drop_below,
+        region: arguments.region.as_deref().map(region).transpose()?,
+        brick: arguments.brick,
+    };
+    let source = source::open(&arguments.input, arguments.format.as_deref())?;
+    let header = ingest_with_bar(source.as_ref(), &arguments.output, &options)?;
+    report(&header, arguments)
+}
+
+/// Ingests, with a progress bar on a terminal.
+pub(super) fn ingest_with_bar(
+    source: &dyn source::Source,
+    target: &std::path::Path,
+    options: &Options,
+) -> Result<Header> {
+    let bar = Bar::new("hierarchy", "bricks");
+    let mut listener = |stage, done, total| bar.show(label(stage), done, total);
+    crate::ingest::ingest(source, target, options, &mut Progress::new(&mut listener))
+}
+
+/// What a stage is called on the bar.
+pub(super) fn label(stage: Stage) -> &'static str {
+    match stage {
+        Stage::Hierarchy => "hierarchy",
+        Stage::Cells => "cells",
+        Stage::Write => "write",
+    }
+}
+
+fn region(corners: &[String]) -> Result<[[Decimal; 3]; 2]> {
+    let corner = |text: &String| -> Result<[Decimal; 3]> {
+        let numbers = text.split(',').map(Decimal::parse).collect::<Result<Vec<_>>>()?;
+        numbers.try_into().map_err(|_| {
+            Error::request(format!("--region: `{text}` is no corner: write one as x,y,z"))
+        })
+    };
+    match corners {
+        [lo, hi] => Ok([corner(lo)?, corner(hi)?]),
+        _ => Err(Error::request("--region needs two corners, each x,y,z")),
+    }
+}
+
+fn report(header: &Header, arguments: &Arguments) -> Result<()> {
+    let mut output = Output::new();
+    let cells: u64 = header.levels.iter().map(|level| level.leaf_cells).sum();
+    output.line(format!(
+        "{}: {} leaf cells in {} bricks of {}³, {}",
+        arguments.output.display(),
+        cells,
+        header.nodes(),
+        header.shape.edge(),
+        size::show(header.file_bytes),
+    ))?;
+    for field in &header.fields {
+        if field.nan_cells > 0 {
+            eprintln!(
+                "warning: {}: {} leaf cells are NaN: they are left out of averages, extrema and \
+                 sums, and drawn as the lower end of the scene's range",
+                field.name, field.nan_cells
+            );
+        }
+    }
+    output.finish()
+}

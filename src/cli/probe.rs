@@ -1,0 +1,80 @@
+//! `deepfield probe`.
+
+use std::fs::File;
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::output::Output;
+use super::verify::WINDOWS;
+use crate::cache::Cache;
+use crate::render::{Interpolation, Probe};
+use crate::space::Decimal;
+use crate::{Error, Result};
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// The cache
+    cache: PathBuf,
+    /// The field
+    #[arg(long, value_name = "NAME")]
+    field: String,
+    /// CSV with a header `x,y,z` and positions in code length
+    #[arg(long, value_name = "FILE.csv")]
+    points: PathBuf,
+    /// The cell's own value, or the interpolant
+    #[arg(long, value_enum, default_value = "cell")]
+    interpolation: Choice,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum Choice {
+    Cell,
+    Linear,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let cache = Cache::open(&arguments.cache, WINDOWS)?;
+    let interpolation = match arguments.interpolation {
+        Choice::Cell => Interpolation::Cell,
+        Choice::Linear => Interpolation::Linear,
+    };
+    let mut probe = Probe::new(&cache, &arguments.field, interpolation)?;
+    let file = File::open(&arguments.points)
+        .map_err(|source| Error::io(&arguments.points, "cannot read the points", source))?;
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file);
+    check_title(arguments, &mut reader)?;
+    let mut output = Output::new();
+    output.line("x,y,z,level,value")?;
+    let mut record = csv::StringRecord::new();
+    while reader.read_record(&mut record).map_err(|error| wrong(arguments, &error.to_string()))? {
+        let line = record.position().map_or(0, csv::Position::line);
+        let point = parse(&record)
+            .map_err(|error| wrong(arguments, &format!("line {line}: {error}")))?;
+        let (level, value) = match probe.at(&point)? {
+            Some(found) => (i64::from(found.level), found.value),
+            None => (-1, f64::NAN),
+        };
+        let [x, y, z] = [0, 1, 2].map(|column| record.get(column).unwrap_or(""));
+        let value = if value.is_nan() { "nan".to_owned() } else { format!("{value:?}") };
+        output.line(format!("{x},{y},{z},{level},{value}"))?;
+    }
+    output.finish()
+}
+
+fn check_title(arguments: &Arguments, reader: &mut csv::Reader<File>) -> Result<()> {
+    let title = reader.headers().map_err(|error| wrong(arguments, &error.to_string()))?;
+    if title.iter().eq(["x", "y", "z"]) {
+        return Ok(());
+    }
+    Err(wrong(arguments, "the first line must be `x,y,z`"))
+}
+
+fn parse(record: &csv::StringRecord) -> Result<[Decimal; 3]> {
+    let column = |i: usize| Decimal::parse(record.get(i).unwrap_or(""));
+    Ok([column(0)?, column(1)?, column(2)?])
+}
+
+fn wrong(arguments: &Arguments, reason: &str) -> Error {
+    Error::invalid(arguments.points.display(), reason)
+}

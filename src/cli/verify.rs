@@ -1,0 +1,79 @@
+//! `deepfield verify`.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::output::Output;
+use super::progress::Bar;
+use super::size;
+use crate::cache::{Cache, Cursor, Damage, Header, Report};
+use crate::{Error, Result, cache};
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// The cache to check
+    cache: PathBuf,
+}
+
+/// Index windows that a check by one thread needs.
+pub(super) const WINDOWS: usize = 4 * Cursor::WINDOWS;
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let opened = Cache::open(&arguments.cache, WINDOWS)?;
+    let bar = Bar::new("verify", "bricks");
+    let report = cache::verify(&opened, &mut |done, total| bar.show("verify", done, total))?;
+    drop(bar);
+    let mut output = Output::new();
+    output.line(format!(
+        "{}: {} bricks, {} payloads, {}",
+        arguments.cache.display(),
+        report.bricks,
+        report.payloads,
+        size::show(opened.header().file_bytes)
+    ))?;
+    if report.damaged == 0 {
+        output.line("every byte is sound")?;
+        return output.finish();
+    }
+    for damage in &report.listed {
+        output.line(format!("damaged: {}", damage.reason))?;
+    }
+    output.line(what_remains(&report, opened.header()))?;
+    output.finish()?;
+    Err(Error::invalid(
+        arguments.cache.display(),
+        format!("{} damaged places: ingest the data again", report.damaged),
+    ))
+}
+
+/// What can still be rendered: fields without damage, and views that need no damaged brick.
+fn what_remains(report: &Report, header: &Header) -> String {
+    if report.damaged as usize > report.listed.len() {
+        return "still renders: only what needs none of the damaged bricks (not all are listed)"
+            .to_owned();
+    }
+    let whole = |field: usize| {
+        let touches = |d: &Damage| d.field.is_none_or(|damaged| damaged == field);
+        !report.listed.iter().any(touches)
+    };
+    let names = (0..header.fields.len()).filter(|&field| whole(field));
+    let names: Vec<&str> = names.map(|field| header.fields[field].name.as_str()).collect();
+    let mut levels = BTreeMap::new();
+    for damage in &report.listed {
+        *levels.entry(damage.octree).or_insert(0) += 1;
+    }
+    let levels: Vec<String> = levels
+        .into_iter()
+        .map(|(level, count)| match level {
+            Some(level) => format!("{count} at octree level {level}"),
+            None => format!("{count} outside all bricks"),
+        })
+        .collect();
+    let fields = if names.is_empty() { "no field wholly".to_owned() } else { names.join(", ") };
+    format!(
+        "still renders: {fields}; of the others, views that need none of the damaged bricks ({})",
+        levels.join(", ")
+    )
+}
