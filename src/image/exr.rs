@@ -18,14 +18,17 @@ use crate::{Error, Result};
 
 /// The channels as the format wants them, by name, each with its place in a pixel.
 const CHANNELS: [(&str, usize); 4] = [("A", 3), ("B", 2), ("G", 1), ("R", 0)];
+/// Widest picture (pixels) whose rows are compressed 16 together: compressing takes about five
+/// times a block of 16 bytes a pixel.
+const WIDEST_IN_BLOCKS: u32 = 4096;
 /// Longest attribute name that every reader takes (bytes).
 const MAX_NAME: usize = 31;
 
 /// Writes `film` to `path`: scan lines of R, G, B, A as 32-bit floats under ZIP compression, with
 /// `attributes` (name, UTF-8 text) in their order. Equal films and attributes give equal bytes.
 ///
-/// Blocks of 16 rows are compressed one after another: beyond the film, memory grows with the
-/// width only. The header is assembled here because the `exr` crate orders custom attributes by
+/// Blocks of 16 rows (wide pictures: single rows) are compressed one after another: beyond the
+/// film, it takes a few MiB of memory. The header is assembled here because the `exr` crate orders custom attributes by
 /// chance, so that files would differ from run to run.
 ///
 /// # Errors
@@ -89,8 +92,10 @@ fn header(film: &Film) -> Header {
     let channel = |(name, _)| ChannelDescription::new(Text::from(name), SampleType::F32, true);
     let size = Vec2(film.width() as usize, film.height() as usize);
     let channels = CHANNELS.into_iter().map(channel).collect();
+    let compression =
+        if film.width() <= WIDEST_IN_BLOCKS { Compression::ZIP16 } else { Compression::ZIP1 };
     Header::new(Text::from("main"), size, channels).with_encoding(
-        Compression::ZIP16,
+        compression,
         BlockDescription::ScanLines,
         LineOrder::Increasing,
     )

@@ -25,7 +25,7 @@ fn attributes() -> Vec<(String, String)> {
 #[test]
 fn exr_reads_back_as_written() {
     let directory = tempfile::tempdir().unwrap();
-    for (width, height) in [(1, 1), (37, 16), (5, 33), (300, 50)] {
+    for (width, height) in [(1, 1), (37, 16), (5, 33), (300, 50), (4097, 3)] {
         let (path, film) = (directory.path().join("a.exr"), film(width, height));
         write_exr(&path, &film, &attributes()).unwrap();
         let image = ::exr::prelude::read_first_flat_layer_from_file(&path).unwrap();

@@ -14,6 +14,9 @@ use crate::{Error, Result};
 
 /// Largest scene file that is read.
 pub const MAX_SCENE_BYTES: u64 = 16 << 20;
+/// Most signs and blanks of a scene file. Every number, word and bracket of a TOML text takes about
+/// 150 bytes while it is parsed; digits do not, so positions may be as long as the file.
+const MAX_SCENE_SIGNS: usize = 160_000;
 /// Largest width and height of a picture, pixels.
 const MAX_PIXELS_PER_AXIS: u32 = 65_536;
 /// Largest exposure, stops, of either sign: beyond it no f32 is left in range.
@@ -105,6 +108,7 @@ impl Scene {
         if text.len() as u64 > MAX_SCENE_BYTES {
             return Err(too_large(place));
         }
+        check_signs(text, place)?;
         let lines = Text { place, source: text };
         let document = DeTable::parse(text).map_err(|error| {
             let start = error.span().map_or(0, |span| span.start);
@@ -144,6 +148,20 @@ fn parse_volumes(entry: Entry<'_>) -> Result<VolumeSettings> {
             Err(second.error("several volumes are not supported yet; leave one [[volume]]"))
         }
     }
+}
+
+fn check_signs(text: &str, place: &str) -> Result<()> {
+    let inside_word = |byte: &u8| {
+        byte.is_ascii_alphanumeric()
+            || !byte.is_ascii()
+            || matches!(byte, b'_' | b'+' | b'-' | b'#')
+    };
+    if text.bytes().filter(|byte| !inside_word(byte)).count() <= MAX_SCENE_SIGNS {
+        return Ok(());
+    }
+    let reason =
+        format!("more than {MAX_SCENE_SIGNS} signs and blanks; a scene file is a short TOML text");
+    Err(Error::invalid(place, reason))
 }
 
 fn too_large(place: &str) -> Error {

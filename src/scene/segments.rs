@@ -5,27 +5,31 @@ use super::piecewise::PiecewiseLinear;
 /// Buckets of the look-up table over [0, 1]: a power of two, so that bucket edges are exact.
 const BUCKETS: usize = 1024;
 
-/// Absorption, emission and colour over [start, start + width), each linear.
+/// Absorption, emission and colour from `start` up to the next segment, each linear.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Segment {
     start: f64,
-    width: f64,
+    /// 1 / width, finite: the fraction of a subnormal width stays a number.
+    inverse_width: f64,
     extinction: [f64; 2],
     emission: [f64; 2],
     color: [[f64; 3]; 2],
 }
 
 impl Segment {
+    #[inline]
     fn fraction(&self, x: f64) -> f64 {
-        (x - self.start) / self.width
+        ((x - self.start) * self.inverse_width).min(1.0)
     }
 
     /// Absorption at `x` inside the segment, 1 / code length.
+    #[inline]
     pub(super) fn extinction(&self, x: f64) -> f64 {
         mix(self.extinction, self.fraction(x))
     }
 
     /// Emission times colour at `x` inside the segment, radiance / code length.
+    #[inline]
     pub(super) fn emission(&self, x: f64) -> [f64; 3] {
         let t = self.fraction(x);
         let strength = mix(self.emission, t);
@@ -54,6 +58,7 @@ impl Segment {
     }
 }
 
+#[inline]
 fn mix([left, right]: [f64; 2], t: f64) -> f64 {
     left * (1.0 - t) + right * t
 }
@@ -84,7 +89,7 @@ impl Segments {
             let color_right = end.map_or(color.value(start), |x| color.left_limit(x));
             Segment {
                 start,
-                width: end.map_or(1.0, |x| x - start),
+                inverse_width: end.map_or(1.0, |x| (1.0 / (x - start)).min(f64::MAX)),
                 extinction: [k, right(extinction)],
                 emission: [e, right(emission)],
                 color: [color.value(start), color_right],
@@ -117,13 +122,18 @@ impl Segments {
     }
 
     /// The segment that holds `x`, which must lie in [0, 1].
+    #[inline]
     pub(super) fn at(&self, x: f64) -> &Segment {
         &self.segments[self.find(x)]
     }
 
+    #[inline]
     fn find(&self, x: f64) -> usize {
         let bucket = ((x * BUCKETS as f64) as usize).min(BUCKETS - 1);
         let (low, high) = (usize::from(self.first[bucket]), usize::from(self.first[bucket + 1]));
+        if low == high {
+            return low;
+        }
         low + self.segments[low + 1..=high].partition_point(|segment| segment.start <= x)
     }
 

@@ -186,6 +186,19 @@ fn files_that_cannot_be_read_are_named() {
 }
 
 #[test]
+fn size_is_limited_by_what_parsing_takes() {
+    let many = format!("{SMALLEST}absorption = [{}]\n", "[0, 1],".repeat(40_000));
+    let message = parse(&many).unwrap_err().to_string();
+    assert!(message.contains("signs and blanks"), "{message}");
+    let largest = "[0.5, 1.5], ".repeat(MAX_TABLE_POINTS);
+    let colors = "[0.5, 1.5, 0.5, 0.5], ".repeat(MAX_TABLE_POINTS);
+    let text = format!("{SMALLEST}absorption = [{largest}]\ncolor = [{colors}]\n");
+    assert_eq!(parse(&text).unwrap().volume.absorption.positions().len(), MAX_TABLE_POINTS);
+    let digits = format!("[\"0.{}\", 0.5, 0.5]", "3".repeat(200_000));
+    assert!(parse(&SMALLEST.replace("[0.5, 0.5, -1.0]", &digits)).is_ok());
+}
+
+#[test]
 fn reference_scenes_parse() {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/reference"));
     let Ok(files) = std::fs::read_dir(folder) else {

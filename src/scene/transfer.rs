@@ -46,18 +46,21 @@ impl TransferFunction {
     }
 
     /// κ(x), 1 / code length.
+    #[inline]
     pub fn extinction(&self, x: f64) -> f64 {
         let x = clamp(x);
         self.segments.at(x).extinction(x)
     }
 
     /// j(x)·color(x): linear RGB radiance / code length.
+    #[inline]
     pub fn emission(&self, x: f64) -> [f64; 3] {
         let x = clamp(x);
         self.segments.at(x).emission(x)
     }
 
     /// [`Self::extinction`] and [`Self::emission`] with one look-up.
+    #[inline]
     pub fn sample(&self, x: f64) -> (f64, [f64; 3]) {
         let x = clamp(x);
         let segment = self.segments.at(x);
@@ -89,6 +92,7 @@ impl TransferFunction {
 }
 
 /// x in [0, 1], NaN as 0.
+#[inline]
 fn clamp(x: f64) -> f64 {
     if x > 0.0 { x.min(1.0) } else { 0.0 }
 }
