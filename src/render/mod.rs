@@ -1,1 +1,155 @@
-//! (being written)
+//! Rendering: the tree of bricks is walked front to back for each tile of the picture, bricks
+//! stream through a pool of fixed size, and rays gather light in them.
+//!
+//! [`render`] is the way in. A picture is planned first: [`memory`] divides the limit, [`cut`]
+//! says where the descent ends, and one walk of the index ([`tree_walk`]) counts what the picture
+//! will need ([`census`]). Then [`picture`] draws tiles: each walks the tree for its rays
+//! ([`rays`], [`tile`]), a few steps ahead of the march so that bricks can be read ahead
+//! ([`load`]). [`view`] and [`frame`] hold the exact camera, [`march`] a ray's way through a
+//! brick.
+
+mod absorb;
+mod axis;
+mod blend;
+pub mod census;
+pub mod cut;
+mod fill;
+pub mod frame;
+pub mod interpolant;
+pub mod load;
+pub mod march;
+mod march_cell;
+mod march_linear;
+pub mod memory;
+mod picture;
+mod polynomial;
+pub mod ray_state;
+pub mod rays;
+pub mod scaled;
+pub mod shading;
+pub mod stats;
+#[cfg(test)]
+mod test_scene;
+pub mod tile;
+pub mod transfer_pieces;
+pub mod tree_walk;
+pub mod view;
+mod walk;
+
+use std::sync::atomic::{AtomicBool, AtomicU64};
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+use self::census::Census;
+use self::cut::Cut;
+use self::load::BrickLoader;
+use self::memory::MemoryPlan;
+use self::picture::Picture;
+use self::ray_state::Accuracy;
+use self::rays::RayGrid;
+use self::shading::Shading;
+use self::stats::Stats;
+use self::tile::Light;
+use self::transfer_pieces::TransferPieces;
+use self::tree_walk::{FieldIndex, Scenery, Walk};
+use self::view::View;
+use crate::Result;
+use crate::cache::{Cache, Header};
+use crate::image::Film;
+use crate::paging::{Budget, Counters, Pool, peak_rss_bytes};
+use crate::scene::{Scene, Tolerance};
+use crate::space::Domain;
+
+/// How a picture is made, beside what it shows. The picture does not depend on it.
+#[derive(Clone, Copy)]
+pub struct RenderOptions<'o> {
+    /// The memory limit of the whole process, bytes.
+    pub memory: u64,
+    /// Threads that march; at least 1.
+    pub threads: usize,
+    /// Hears of progress, from any thread: tiles done, and how many there are.
+    pub progress: Option<&'o (dyn Fn(u64, u64) + Sync)>,
+}
+
+/// A picture and what it took.
+#[derive(Debug)]
+pub struct Rendered {
+    /// The picture.
+    pub film: Film,
+    /// What it took.
+    pub stats: Stats,
+}
+
+/// Renders `scene` from `cache` within a memory limit.
+///
+/// # Errors
+/// A field that the cache does not hold, units that its source does not have, a camera that has
+/// no view, a limit that is too small (the message names the smallest that works), and damage in
+/// the cache.
+pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Result<Rendered> {
+    let started = Instant::now();
+    let header = cache.header();
+    let (width, height) = (scene.image.width, scene.image.height);
+    let threads = options.threads.max(1);
+    let shading = Shading::new(&scene.volume, scene.render.interpolation, header)?;
+    let view = View::new(scene, &header.domain)?;
+    let cut = Cut::new(scene, &header.domain, header.shape)?;
+    let rays = RayGrid::new(&view, scene.render.samples);
+    let plan = MemoryPlan::new(cache, width, height, threads, options.memory)?;
+    let reserved = plan.reserve(&Budget::new(options.memory))?;
+    cache.set_index_windows(plan.windows);
+    let scenery = Scenery { header, view: &view, rays: &rays, cut: &cut, shading: &shading };
+    let census = take_census(cache, &scenery)?;
+    let counters = Counters::new(header.nodes(), header.levels.len());
+    let loader = BrickLoader { cache, shading: &shading };
+    let picture = Picture {
+        cache,
+        light: light(&shading, header),
+        scenery,
+        pool: Pool::new(plan.slots, &loader, &counters),
+        film: Mutex::new(Film::new(width, height)?),
+        progress: options.progress,
+        next_tile: AtomicU64::new(0),
+        tiles_done: AtomicU64::new(0),
+        is_stopped: AtomicBool::new(false),
+    };
+    let samples = picture.draw(threads, plan.readers)?;
+    let film = picture.film.into_inner().unwrap_or_else(PoisonError::into_inner);
+    drop((picture.pool, reserved));
+    let mut stats = Stats { memory_limit_bytes: options.memory, threads, ..Stats::default() };
+    stats.set_bricks(header.nodes(), &census, &counters);
+    stats.set_levels(header, &counters, &samples);
+    stats.tolerance = absolute(scene.render.tolerance, &film);
+    stats.peak_rss_bytes = peak_rss_bytes();
+    stats.render_seconds = started.elapsed().as_secs_f64();
+    stats.set_opening(0.0);
+    Ok(Rendered { film, stats })
+}
+
+/// One walk of the index over the whole picture.
+fn take_census(cache: &Cache, scenery: &Scenery<'_>) -> Result<Census> {
+    let mut index = FieldIndex { cursor: cache.cursor(), field: scenery.shading.field };
+    let mut walk = Walk::new(scenery, &mut index, Census::default(), scenery.rays.whole());
+    while walk.next(|_| true)?.is_some() {}
+    Ok(walk.into_tally())
+}
+
+fn light(shading: &Shading, header: &Header) -> Light {
+    Light {
+        pieces: TransferPieces::new(&shading.transfer),
+        accuracy: Accuracy { relative: 0.0 },
+        longest_path: diagonal(&header.domain),
+    }
+}
+
+/// The domain's diagonal, code length.
+fn diagonal(domain: &Domain) -> f64 {
+    domain.difference(&domain.upper(), &domain.cell_corner(0, [0; 3])).length()
+}
+
+fn absolute(tolerance: Tolerance, film: &Film) -> f64 {
+    match tolerance {
+        Tolerance::Absolute(value) => value,
+        Tolerance::Relative(part) => part * f64::from(film.largest_value()),
+    }
+}

@@ -1,0 +1,45 @@
+//! What the pool asks of those who use it.
+
+use crate::Result;
+
+/// Names a brick, and carries what is needed to load it.
+pub trait Request: Copy + Send + Sync {
+    /// What tells bricks apart: the node's index.
+    fn key(&self) -> u64;
+    /// Which group of the counters the brick counts in: its tree level.
+    fn level(&self) -> usize;
+}
+
+/// What a load took from the file.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct LoadedBytes {
+    /// Bytes read.
+    pub read: u64,
+    /// Bytes after decompression.
+    pub decompressed: u64,
+}
+
+/// Fills slots of the pool. Shared by all threads; what a thread needs of its own is its scratch.
+pub trait Loader: Sync {
+    /// Names a brick.
+    type Request: Request;
+    /// A slot: a brick ready for use. Its memory is reused.
+    type Brick: Send + Sync;
+    /// One thread's buffers.
+    type Scratch;
+
+    /// An empty slot.
+    fn new_brick(&self) -> Self::Brick;
+
+    /// Reads, checks and prepares the brick that `request` names into `brick`, whatever that
+    /// held before.
+    ///
+    /// # Errors
+    /// A brick that cannot be read or is damaged.
+    fn load(
+        &self,
+        request: &Self::Request,
+        scratch: &mut Self::Scratch,
+        brick: &mut Self::Brick,
+    ) -> Result<LoadedBytes>;
+}

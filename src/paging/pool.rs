@@ -1,0 +1,150 @@
+//! A fixed number of slots for bricks, filled as they are asked for and reused by a clock hand.
+
+use std::ops::Deref;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use super::clock::{Clock, Found};
+use super::{Counters, Loader, Request};
+use crate::{Error, Result};
+
+/// A brick in use: its slot is not reused while this lives.
+#[derive(Debug)]
+pub struct Pinned<B>(Arc<B>);
+
+impl<B> Deref for Pinned<B> {
+    type Target = B;
+
+    fn deref(&self) -> &B {
+        &self.0
+    }
+}
+
+/// Bricks in at most `slots` slots, each created when first needed and then reused.
+///
+/// A thread that asks for a brick that another one is loading waits for it. If that load fails,
+/// the waiting thread tries itself, so that each gets its own error, and the pool goes on.
+/// Nothing ever waits for a slot: those who pin must be few enough (see [`Self::get`]).
+pub struct Pool<'l, L: Loader> {
+    loader: &'l L,
+    counters: &'l Counters,
+    clock: Mutex<Clock<L::Brick>>,
+    changed: Condvar,
+}
+
+impl<'l, L: Loader> Pool<'l, L> {
+    /// A pool of at most `slots` slots that `loader` fills; loads are counted in `counters`.
+    pub fn new(slots: usize, loader: &'l L, counters: &'l Counters) -> Self {
+        Self { loader, counters, clock: Mutex::new(Clock::new(slots)), changed: Condvar::new() }
+    }
+
+    /// Bytes of the pool's own for each slot, beside the brick in it.
+    pub const fn slot_overhead() -> u64 {
+        Clock::<L::Brick>::slot_bytes()
+    }
+
+    /// The brick that `request` names, loaded if it is not there.
+    ///
+    /// # Errors
+    /// What the loader says; and when every slot is pinned or being filled, which cannot happen
+    /// if there are as many slots as all threads together pin and fill at a time.
+    pub fn get(&self, request: &L::Request, scratch: &mut L::Scratch) -> Result<Pinned<L::Brick>> {
+        let mut clock = self.lock();
+        if let Found::Ready(brick) = clock.find(request.key()) {
+            return Ok(Pinned(brick));
+        }
+        let started = Instant::now();
+        let outcome = loop {
+            match clock.find(request.key()) {
+                Found::Ready(brick) => break Ok(Pinned(brick)),
+                Found::Loading => {
+                    clock = self.changed.wait(clock).unwrap_or_else(PoisonError::into_inner);
+                }
+                Found::Absent => {
+                    let Some(slot) = clock.claim(request.key(), || self.loader.new_brick()) else {
+                        break Err(all_in_use());
+                    };
+                    drop(clock);
+                    break self.fill(request, slot, scratch, true).map(Pinned);
+                }
+            }
+        };
+        self.counters.count_wait(started.elapsed());
+        outcome
+    }
+
+    /// Whether the brick of `key` is there or on its way.
+    pub fn holds(&self, key: u64) -> bool {
+        self.lock().holds(key)
+    }
+
+    /// Loads the brick ahead of its use, unless it is there already or only slots are free that
+    /// others will need sooner. It is not pinned, but kept longer than bricks already used.
+    ///
+    /// # Errors
+    /// What the loader says. Who then asks for the brick gets the error again.
+    pub fn load_ahead(&self, request: &L::Request, scratch: &mut L::Scratch) -> Result<()> {
+        let mut clock = self.lock();
+        if clock.holds(request.key()) {
+            return Ok(());
+        }
+        let Some(slot) = clock.claim_idle(request.key(), || self.loader.new_brick()) else {
+            return Ok(());
+        };
+        drop(clock);
+        self.fill(request, slot, scratch, false).map(drop)
+    }
+
+    fn fill(
+        &self,
+        request: &L::Request,
+        (slot, brick): (usize, Arc<L::Brick>),
+        scratch: &mut L::Scratch,
+        used: bool,
+    ) -> Result<Arc<L::Brick>> {
+        let mut filling = Filling { pool: self, key: request.key(), slot, brick: Some(brick) };
+        let brick = filling.brick.as_mut().and_then(Arc::get_mut).ok_or_else(all_in_use)?;
+        let bytes = self.loader.load(request, scratch, brick)?;
+        self.counters.count_load(request.key(), request.level(), bytes);
+        filling.publish(used).ok_or_else(all_in_use)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Clock<L::Brick>> {
+        self.clock.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A slot being filled. Dropped before it is published (an error, a panic), it frees the slot
+/// and wakes those who wait for the brick.
+struct Filling<'p, 'l, L: Loader> {
+    pool: &'p Pool<'l, L>,
+    key: u64,
+    slot: usize,
+    brick: Option<Arc<L::Brick>>,
+}
+
+impl<L: Loader> Filling<'_, '_, L> {
+    fn publish(mut self, used: bool) -> Option<Arc<L::Brick>> {
+        let brick = self.brick.take()?;
+        self.pool.lock().publish(self.slot, Arc::clone(&brick), used);
+        self.pool.changed.notify_all();
+        Some(brick)
+    }
+}
+
+impl<L: Loader> Drop for Filling<'_, '_, L> {
+    fn drop(&mut self) {
+        if let Some(brick) = self.brick.take() {
+            self.pool.lock().release(self.slot, self.key, brick);
+            self.pool.changed.notify_all();
+        }
+    }
+}
+
+fn all_in_use() -> Error {
+    Error::request("every slot of the brick pool is in use: raise --memory or lower --threads")
+}
+
+#[cfg(test)]
+#[path = "pool_tests.rs"]
+mod tests;

@@ -1,0 +1,168 @@
+use std::sync::Barrier;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+use super::super::{LoadedBytes, ReadAhead, run_reader};
+use super::*;
+
+#[derive(Clone, Copy)]
+struct Key(u64);
+
+impl Request for Key {
+    fn key(&self) -> u64 {
+        self.0
+    }
+
+    fn level(&self) -> usize {
+        usize::try_from(self.0 % 2).unwrap()
+    }
+}
+
+/// Bricks are their own key's square; keys from 1000 on are damaged while `broken`.
+#[derive(Default)]
+struct Squares {
+    created: AtomicU64,
+    loads: AtomicU64,
+    pause: Duration,
+    broken: AtomicBool,
+}
+
+impl Loader for Squares {
+    type Request = Key;
+    type Brick = u64;
+    type Scratch = ();
+
+    fn new_brick(&self) -> u64 {
+        self.created.fetch_add(1, Ordering::Relaxed);
+        0
+    }
+
+    fn load(&self, request: &Key, _: &mut (), brick: &mut u64) -> Result<LoadedBytes> {
+        self.loads.fetch_add(1, Ordering::Relaxed);
+        std::thread::sleep(self.pause);
+        *brick = u64::MAX;
+        if request.0 >= 1000 && self.broken.load(Ordering::Relaxed) {
+            return Err(Error::invalid(format!("brick {}", request.0), "damaged"));
+        }
+        *brick = request.0 * request.0;
+        Ok(LoadedBytes { read: 1, decompressed: 2 })
+    }
+}
+
+fn value(pool: &Pool<'_, Squares>, key: u64) -> u64 {
+    *pool.get(&Key(key), &mut ()).unwrap()
+}
+
+#[test]
+fn slots_are_created_once_and_reused() {
+    let (loader, counters) = (Squares::default(), Counters::new(100, 2));
+    let pool = Pool::new(3, &loader, &counters);
+    for key in (0..20).chain(0..20) {
+        assert_eq!(value(&pool, key), key * key);
+        assert_eq!(value(&pool, key), key * key);
+    }
+    assert_eq!(loader.created.load(Ordering::Relaxed), 3);
+    assert_eq!((counters.distinct(), counters.reloaded()), (20, 20));
+    assert_eq!(counters.loaded_bytes(), LoadedBytes { read: 40, decompressed: 80 });
+}
+
+#[test]
+fn pinned_bricks_stay_and_a_pool_full_of_pins_is_an_error() {
+    let (loader, counters) = (Squares::default(), Counters::new(100, 2));
+    let pool = Pool::new(3, &loader, &counters);
+    let pins: Vec<_> = (5..7).map(|key| pool.get(&Key(key), &mut ()).unwrap()).collect();
+    for key in 20..40 {
+        assert_eq!(value(&pool, key), key * key);
+    }
+    assert_eq!((*pins[0], *pins[1]), (25, 36));
+    assert_eq!(value(&pool, 5), 25);
+    assert_eq!(loader.loads.load(Ordering::Relaxed), 22, "pinned bricks are not loaded again");
+    let last = pool.get(&Key(9), &mut ()).unwrap();
+    let refused = pool.get(&Key(10), &mut ()).unwrap_err().to_string();
+    assert!(refused.contains("raise --memory"), "{refused}");
+    drop(last);
+    assert_eq!(value(&pool, 10), 100);
+}
+
+#[test]
+fn a_failed_load_reaches_everyone_who_asked_and_leaves_the_pool_whole() {
+    let loader = Squares { pause: Duration::from_millis(20), ..Squares::default() };
+    loader.broken.store(true, Ordering::Relaxed);
+    let counters = Counters::new(100, 2);
+    let pool = Pool::new(2, &loader, &counters);
+    let together = Barrier::new(4);
+    let failures: usize = std::thread::scope(|scope| {
+        let ask = || {
+            together.wait();
+            usize::from(pool.get(&Key(1000), &mut ()).is_err())
+        };
+        let threads: Vec<_> = (0..4).map(|_| scope.spawn(ask)).collect();
+        threads.into_iter().map(|thread| thread.join().unwrap()).sum()
+    });
+    assert_eq!(failures, 4);
+    assert!(pool.load_ahead(&Key(1001), &mut ()).is_err());
+    assert!(!pool.holds(1000) && !pool.holds(1001));
+    loader.broken.store(false, Ordering::Relaxed);
+    assert_eq!((value(&pool, 1000), value(&pool, 7), value(&pool, 8)), (1_000_000, 49, 64));
+    assert_eq!(loader.created.load(Ordering::Relaxed), 2);
+}
+
+#[test]
+fn threads_that_ask_for_one_brick_load_it_once() {
+    let loader = Squares { pause: Duration::from_millis(20), ..Squares::default() };
+    let counters = Counters::new(100, 2);
+    let pool = Pool::new(4, &loader, &counters);
+    let together = Barrier::new(4);
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| {
+                together.wait();
+                assert_eq!(value(&pool, 9), 81);
+            });
+        }
+    });
+    assert_eq!(loader.loads.load(Ordering::Relaxed), 1);
+    assert!(counters.waited() >= Duration::from_millis(40), "all of them waited for it");
+}
+
+#[test]
+fn bricks_loaded_ahead_outlive_used_ones_and_do_not_push_each_other_out() {
+    let (loader, counters) = (Squares::default(), Counters::new(100, 2));
+    let pool = Pool::new(4, &loader, &counters);
+    for key in [1, 2] {
+        value(&pool, key);
+    }
+    for key in [3, 4, 5] {
+        pool.load_ahead(&Key(key), &mut ()).unwrap();
+    }
+    assert!(pool.holds(3) && pool.holds(4));
+    assert_eq!(value(&pool, 6), 36);
+    assert!(pool.holds(3) && pool.holds(4), "a used brick went first");
+}
+
+#[test]
+fn a_crowd_of_threads_in_the_smallest_pool_sees_only_right_bricks() {
+    let (loader, counters) = (Squares::default(), Counters::new(100, 2));
+    // Each of 4 threads pins two bricks and fills one; the reader fills one.
+    let pool = Pool::new(4 * 3 + 1, &loader, &counters);
+    let (ahead, requests) = ReadAhead::new(4);
+    std::thread::scope(|scope| {
+        scope.spawn(|| run_reader(&pool, &requests, &mut ()));
+        for thread in 0..4u64 {
+            let (pool, ahead) = (&pool, ahead.clone());
+            scope.spawn(move || {
+                for step in 0..3000u64 {
+                    let key = (step * (7 + thread)) % 60;
+                    ahead.request(pool, Key((key + 7 + thread) % 60));
+                    let first = pool.get(&Key(key), &mut ()).unwrap();
+                    let second = pool.get(&Key((key * 3) % 60), &mut ()).unwrap();
+                    assert_eq!(value(pool, (key + 1) % 60), ((key + 1) % 60).pow(2));
+                    assert_eq!((*first, *second), (key * key, ((key * 3) % 60).pow(2)));
+                }
+            });
+        }
+        drop(ahead);
+    });
+    assert!(loader.created.load(Ordering::Relaxed) <= 13);
+    assert_eq!(counters.distinct(), 60);
+}

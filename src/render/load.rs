@@ -1,0 +1,92 @@
+//! Loading bricks for the pool: reading, decoding, and mapping to the transfer function's x.
+
+use super::scaled::ScaledBrick;
+use super::shading::Shading;
+use crate::cache::{BrickPlace, Cache, Decoder, FieldRecord, NodeRecord, RawBrick};
+use crate::paging::{LoadedBytes, Loader, Request};
+use crate::{Error, Result};
+
+/// A brick as the index describes it.
+#[derive(Debug, Clone, Copy)]
+pub struct BrickRequest {
+    /// The node's index.
+    pub node: u64,
+    /// Where it lies.
+    pub place: BrickPlace,
+    /// What the index says of the node.
+    pub record: NodeRecord,
+    /// What the index says of the field in it.
+    pub field: FieldRecord,
+}
+
+impl Request for BrickRequest {
+    fn key(&self) -> u64 {
+        self.node
+    }
+
+    fn level(&self) -> usize {
+        self.place.tree_level
+    }
+}
+
+/// Loads bricks of one field under one mapping.
+pub struct BrickLoader<'r> {
+    /// Where they are read from.
+    pub cache: &'r Cache,
+    /// The field and its mapping.
+    pub shading: &'r Shading,
+}
+
+/// One thread's buffers for [`BrickLoader`].
+pub struct BrickScratch {
+    decoder: Decoder,
+    raw: RawBrick,
+}
+
+impl BrickScratch {
+    /// Empty buffers.
+    ///
+    /// # Errors
+    /// A codec that cannot be set up.
+    pub fn new(cache: &Cache) -> Result<Self> {
+        let decoder = Decoder::new()
+            .map_err(|source| Error::io(cache.path(), "cannot set up decompression", source))?;
+        Ok(Self { decoder, raw: RawBrick::default() })
+    }
+
+    /// Most bytes that one thread's buffers grow to.
+    pub fn bytes(cache: &Cache) -> u64 {
+        let header = cache.header();
+        let blocks = usize::from(header.max_parent_blocks) + 1;
+        cache.decoder_bytes() + header.shape.payload_bytes(blocks) as u64
+    }
+}
+
+impl Loader for BrickLoader<'_> {
+    type Request = BrickRequest;
+    type Brick = ScaledBrick;
+    type Scratch = BrickScratch;
+
+    fn new_brick(&self) -> ScaledBrick {
+        ScaledBrick::new()
+    }
+
+    fn load(
+        &self,
+        request: &BrickRequest,
+        scratch: &mut BrickScratch,
+        brick: &mut ScaledBrick,
+    ) -> Result<LoadedBytes> {
+        let BrickRequest { node, place, record, field } = request;
+        let BrickScratch { decoder, raw } = scratch;
+        self.cache.read_brick(*node, record, self.shading.field, field, decoder, raw)?;
+        let header = self.cache.header();
+        let map = |stored| self.shading.map(stored);
+        brick.prepare(raw, place, header, &map, self.shading.interpolation)?;
+        let blocks = usize::from(field.parent_blocks) + 1;
+        Ok(LoadedBytes {
+            read: u64::from(field.stored_bytes),
+            decompressed: header.shape.payload_bytes(blocks) as u64,
+        })
+    }
+}

@@ -1,0 +1,199 @@
+//! The memory plan of a picture: what everything takes, and how many bricks the rest holds.
+
+use super::load::{BrickLoader, BrickScratch};
+use super::scaled::ScaledBrick;
+use super::tile::Tile;
+use crate::cache::{Cache, Cursor, WINDOW_BYTES};
+use crate::image::Film;
+use crate::paging::{Budget, Counters, MEBIBYTE, Pool, Reservation};
+use crate::{Error, Result};
+
+/// Stack of every thread, bytes; [`STACK_TOUCHED`] of it at most become resident.
+pub const STACK_BYTES: usize = 2 << 20;
+/// What a thread uses of its stack, and its allocator's own, bytes.
+const STACK_TOUCHED: u64 = 256 << 10;
+/// Most reader threads: more do not decompress faster than the marching threads consume.
+const MAX_READERS: usize = 4;
+/// Slots of the smallest pool for bricks read ahead, for each marching thread.
+const AHEAD_SLOTS: usize = 2;
+/// Memory per pixel of a row that writing a picture takes at a time: 16 rows of 16 bytes, raw,
+/// compressed and in between.
+const WRITING_PER_COLUMN: u64 = 4 * 16 * 16;
+/// The rest of what writing takes.
+const WRITING_FIXED: u64 = 1 << 20;
+/// Index windows beyond the fewest take at most this part of what is left.
+const EXTRA_WINDOWS_SHARE: u64 = 8;
+
+/// How a picture divides its memory limit. The fewest bytes depend on picture, cache and threads
+/// only, never on the limit.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MemoryPlan {
+    /// Threads that read ahead.
+    pub readers: usize,
+    /// Index windows that may be mapped at a time.
+    pub windows: usize,
+    /// Slots of the brick pool.
+    pub slots: usize,
+    /// What takes how much, bytes.
+    parts: Vec<(&'static str, u64)>,
+}
+
+/// What a plan is made from.
+#[derive(Debug, Clone, Copy)]
+struct Demand {
+    width: u32,
+    height: u32,
+    threads: u64,
+    readers: u64,
+    /// Levels of the tree.
+    levels: u64,
+    /// Bricks in the cache.
+    bricks: u64,
+    /// Windows that hold the whole index, and bytes of its page checksums.
+    index_windows: u64,
+    page_table: u64,
+    /// One thread's decoder and buffers.
+    scratch: u64,
+    /// A slot with a brick of the largest kind.
+    slot: u64,
+}
+
+impl MemoryPlan {
+    /// The plan of a picture of `width`×`height` from `cache` on `threads` threads within `limit`
+    /// bytes.
+    ///
+    /// # Errors
+    /// A limit that is too small: the message names the smallest that works, in MiB.
+    pub fn new(cache: &Cache, width: u32, height: u32, threads: usize, limit: u64) -> Result<Self> {
+        let header = cache.header();
+        let blocks = usize::from(header.max_parent_blocks) + 1;
+        let overhead = Pool::<BrickLoader<'_>>::slot_overhead() + size_of::<ScaledBrick>() as u64;
+        let index_bytes = header.index_pages.saturating_mul(64 << 10);
+        Self::from_demand(
+            &Demand {
+                width,
+                height,
+                threads: threads.max(1) as u64,
+                readers: threads.clamp(1, MAX_READERS) as u64,
+                levels: header.levels.len() as u64,
+                bricks: header.nodes(),
+                index_windows: index_bytes.div_ceil(WINDOW_BYTES),
+                page_table: header.index_pages.saturating_mul(8),
+                scratch: BrickScratch::bytes(cache),
+                slot: ScaledBrick::bytes(header.shape, blocks) + overhead,
+            },
+            limit,
+        )
+    }
+
+    fn from_demand(demand: &Demand, limit: u64) -> Result<Self> {
+        let Demand { threads, readers, bricks, .. } = *demand;
+        // A thread pins a brick a level on its way down, and fills one more.
+        let per_thread = demand.levels + 1 + AHEAD_SLOTS as u64;
+        let fewest_slots = threads.saturating_mul(per_thread).saturating_add(readers);
+        let fewest_slots = fewest_slots.min(bricks.max(1));
+        let fewest_windows = threads.saturating_mul(Cursor::WINDOWS as u64).saturating_add(1);
+        let mut parts = fixed_parts(demand);
+        let fixed = parts.iter().fold(0u64, |sum, part| sum.saturating_add(part.1));
+        let fewest = fixed
+            .saturating_add(fewest_windows.saturating_mul(WINDOW_BYTES))
+            .saturating_add(fewest_slots.saturating_mul(demand.slot));
+        let left = limit.checked_sub(fewest).ok_or_else(|| too_small(limit, fewest))?;
+        let useful = demand.index_windows.saturating_sub(fewest_windows);
+        let more_windows = useful.min(left / EXTRA_WINDOWS_SHARE / WINDOW_BYTES);
+        let left = left - more_windows * WINDOW_BYTES;
+        let more_slots = (left / demand.slot.max(1)).min(bricks.saturating_sub(fewest_slots));
+        let (windows, slots) = (fewest_windows + more_windows, fewest_slots + more_slots);
+        parts.push(("the index", windows * WINDOW_BYTES));
+        parts.push(("the brick pool", slots * demand.slot));
+        let count = |n: u64| usize::try_from(n).unwrap_or(usize::MAX);
+        Ok(Self { readers: count(readers), windows: count(windows), slots: count(slots), parts })
+    }
+
+    /// Takes everything from `budget`, until the reservations are dropped.
+    ///
+    /// # Errors
+    /// A budget in which something else has been reserved already.
+    pub fn reserve(&self, budget: &Budget) -> Result<Vec<Reservation>> {
+        self.parts.iter().map(|(what, bytes)| budget.reserve(what, *bytes)).collect()
+    }
+}
+
+fn fixed_parts(demand: &Demand) -> Vec<(&'static str, u64)> {
+    let Demand { threads, readers, .. } = *demand;
+    let thread = STACK_TOUCHED.saturating_add(demand.scratch);
+    vec![
+        ("the picture", Film::bytes_needed(demand.width, demand.height)),
+        ("writing the picture", u64::from(demand.width) * WRITING_PER_COLUMN + WRITING_FIXED),
+        ("the marching threads", threads.saturating_mul(thread.saturating_add(Tile::BYTES))),
+        ("the reading threads", readers.saturating_mul(thread)),
+        ("the index' checksums", demand.page_table),
+        ("the counters", Counters::bytes(demand.bricks)),
+    ]
+}
+
+fn too_small(limit: u64, fewest: u64) -> Error {
+    let mebibytes = fewest.div_ceil(MEBIBYTE);
+    Error::request(format!(
+        "--memory {limit} bytes is too small for this picture: the smallest that works is \
+         {mebibytes}MiB (or use fewer --threads)"
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn demand() -> impl Strategy<Value = Demand> {
+        let picture = (1u32..5000, 1u32..5000, 1u64..65, 1u64..70);
+        let cache = (1u64..1 << 40, 0u64..100_000, 1u64..1 << 22, 1u64..1 << 22);
+        (picture, cache).prop_map(|((width, height, threads, levels), cache)| Demand {
+            width,
+            height,
+            threads,
+            readers: threads.min(4),
+            levels,
+            bricks: cache.0,
+            index_windows: cache.1,
+            page_table: cache.1 * 32,
+            scratch: cache.2,
+            slot: cache.3,
+        })
+    }
+
+    fn named(error: &Error) -> u64 {
+        let text = error.to_string();
+        let number = text.split("works is ").nth(1).and_then(|rest| rest.split("MiB").next());
+        number.unwrap().parse().unwrap()
+    }
+
+    proptest! {
+        #[test]
+        fn the_smallest_limit_is_named_and_works(demand in demand(), limit in 0u64..1 << 30) {
+            let smallest = named(&MemoryPlan::from_demand(&demand, 0).unwrap_err());
+            let least = MemoryPlan::from_demand(&demand, smallest * MEBIBYTE).unwrap();
+            let below = MemoryPlan::from_demand(&demand, (smallest - 1) * MEBIBYTE).unwrap_err();
+            prop_assert_eq!(named(&below), smallest);
+            let pins = usize::try_from(demand.threads * (demand.levels + 1) + demand.readers);
+            let bricks = usize::try_from(demand.bricks).unwrap();
+            prop_assert!(least.slots >= pins.unwrap().min(bricks));
+            match MemoryPlan::from_demand(&demand, limit) {
+                Ok(plan) => {
+                    let budget = Budget::new(limit);
+                    let held = plan.reserve(&budget).unwrap();
+                    let sum: u64 = held.iter().map(Reservation::bytes).sum();
+                    prop_assert!(sum + budget.available() == limit);
+                    prop_assert!(plan.slots >= least.slots && plan.slots <= bricks);
+                    let all = plan.slots == bricks;
+                    prop_assert!(all || budget.available() < demand.slot + MEBIBYTE);
+                }
+                Err(error) => {
+                    prop_assert_eq!(named(&error), smallest);
+                    prop_assert!(limit < smallest * MEBIBYTE);
+                }
+            }
+        }
+    }
+}

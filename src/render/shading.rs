@@ -1,0 +1,85 @@
+//! From stored values to light: the scene's volume over one field of the cache.
+
+use crate::cache::{CachedField, Header};
+use crate::scene::{FieldExtrema, Interpolation, Mapping, TransferFunction, Units, VolumeSettings};
+use crate::{Error, Result};
+
+/// The field that is shown, and how its values become colours.
+#[derive(Debug, Clone)]
+pub struct Shading {
+    /// Which field of the cache.
+    pub field: usize,
+    /// What the field is between cell centres.
+    pub interpolation: Interpolation,
+    /// Absorption and emission over x.
+    pub transfer: TransferFunction,
+    mapping: Mapping,
+    /// A field value is this times the stored one.
+    factor: f64,
+}
+
+impl Shading {
+    /// Looks the volume's field up in the cache, without regard to case.
+    ///
+    /// # Errors
+    /// A field that the cache does not hold, cgs units where the source does not say how, and a
+    /// mapping without a finite range.
+    pub fn new(
+        volume: &VolumeSettings,
+        interpolation: Interpolation,
+        header: &Header,
+    ) -> Result<Self> {
+        let field = header.field(&volume.field).ok_or_else(|| unknown_field(volume, header))?;
+        let cached = &header.fields[field];
+        let to_units = units_factor(volume, cached)?;
+        let extrema = FieldExtrema {
+            minimum: cached.min,
+            maximum: cached.max,
+            smallest_positive: cached.smallest_positive,
+        };
+        Ok(Self {
+            field,
+            interpolation,
+            transfer: TransferFunction::new(volume),
+            mapping: Mapping::new(volume.scale, volume.range, extrema, to_units)?,
+            factor: f64::from(cached.exponent).exp2(),
+        })
+    }
+
+    /// The transfer function's x of a stored value, unclamped.
+    pub fn map(&self, stored: f32) -> f32 {
+        self.mapping.unclamped(f64::from(stored) * self.factor) as f32
+    }
+
+    /// Whether nothing in [min, max] of stored values (and NaN, if `nan`) emits or absorbs. An
+    /// empty range holds nothing.
+    pub fn is_transparent(&self, [min, max]: [f32; 2], nan: bool) -> bool {
+        // Ends are mapped as values are, rounded to f32 alike: both are monotone.
+        let x = |stored| f64::from(self.map(stored));
+        let values = min > max || self.transfer.is_transparent(x(min), x(max));
+        values && (!nan || self.transfer.is_transparent(x(f32::NAN), x(f32::NAN)))
+    }
+}
+
+fn units_factor(volume: &VolumeSettings, field: &CachedField) -> Result<f64> {
+    match (volume.units, field.to_cgs) {
+        (Units::Code, _) => Ok(1.0),
+        (Units::Cgs, Some(factor)) => Ok(factor),
+        (Units::Cgs, None) => Err(Error::request(format!(
+            "field `{}` has no conversion to cgs in its source: use units = \"code\"",
+            field.name
+        ))),
+    }
+}
+
+fn unknown_field(volume: &VolumeSettings, header: &Header) -> Error {
+    let mut names: Vec<&str> = header.fields.iter().map(|field| field.name.as_str()).collect();
+    if let Some(nearest) = crate::scene::nearest(&volume.field, names.iter().copied()) {
+        names.sort_by_key(|name| *name != nearest);
+    }
+    Error::request(format!(
+        "the cache holds no field `{}`: it has {}",
+        volume.field.escape_debug(),
+        names.join(", ")
+    ))
+}

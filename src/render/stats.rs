@@ -1,0 +1,149 @@
+//! What a picture took, for the stats file.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::census::Census;
+use crate::cache::{Header, TreeLevel};
+use crate::paging::Counters;
+
+/// One level's part of the work.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub struct LevelStats {
+    /// The simulation's level number. The averaged levels above the root grid have negative
+    /// numbers, −1 the one right above it. The half of a factor-4 step holds averages of the
+    /// finer of its two levels and counts there.
+    pub level: i64,
+    /// Bricks of the level that were loaded.
+    pub bricks_visited: u64,
+    /// Samples taken in them.
+    pub samples: u64,
+}
+
+/// What a picture took. Bricks are counted once each, over the whole picture:
+///
+/// `bricks_total` = `bricks_in_view` + those beside the picture or behind the eye, and
+/// `bricks_in_view` = `bricks_loaded` + `bricks_covered` + `bricks_skipped_resolution`
+/// + `bricks_skipped_transparent` + `bricks_skipped_occluded`.
+///
+/// A subtree is out of view, or transparent, as a whole; single bricks beside the picture that
+/// lie beneath transparent ones or beneath the cut count as in view.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Stats {
+    /// Opening and rendering, without writing the picture, seconds.
+    pub wall_seconds: f64,
+    /// Opening cache and scene, seconds: set by whoever opened them ([`Self::set_opening`]).
+    pub open_seconds: f64,
+    /// Planning and drawing, seconds.
+    pub render_seconds: f64,
+    /// Time that marching threads spent until bricks were there (reading and decoding what was
+    /// not read ahead, or waiting for it), seconds of all threads together.
+    pub wait_seconds: f64,
+    /// Largest resident set of the process so far; null where the system does not say.
+    pub peak_rss_bytes: Option<u64>,
+    /// The memory limit.
+    pub memory_limit_bytes: u64,
+    /// Bricks in the cache.
+    pub bricks_total: u64,
+    /// Bricks in no subtree that is beside the picture or behind the eye.
+    pub bricks_in_view: u64,
+    /// Bricks that were loaded, each counted once.
+    pub bricks_loaded: u64,
+    /// Loads of bricks that had been loaded before and were given up for others.
+    pub bricks_reloaded: u64,
+    /// Bricks in view whose space in view bricks beneath them draw.
+    pub bricks_covered: u64,
+    /// Bricks finer than what is drawn in their place.
+    pub bricks_skipped_resolution: u64,
+    /// Bricks in which nothing emits or absorbs.
+    pub bricks_skipped_transparent: u64,
+    /// Bricks to be drawn that were never loaded, as they lie behind opaque ones from everywhere.
+    pub bricks_skipped_occluded: u64,
+    /// Bytes of payloads read.
+    pub bytes_read: u64,
+    /// Bytes of payloads after decompression.
+    pub bytes_decompressed: u64,
+    /// Samples taken: stretches of rays that were integrated.
+    pub samples: u64,
+    /// The levels with loaded bricks, coarsest first.
+    pub levels: Vec<LevelStats>,
+    /// The deepest level with loaded bricks; null if there is none.
+    pub deepest_level_used: Option<i64>,
+    /// The largest error of any channel that was asked for, in the picture's own unit: a
+    /// relative one times the picture's largest channel value.
+    pub tolerance: f64,
+    /// The certified bound of the largest error; null as long as there is no certificate.
+    pub error_bound: Option<f64>,
+    /// Threads that march.
+    pub threads: usize,
+}
+
+impl Stats {
+    /// Says how long opening took, seconds.
+    pub fn set_opening(&mut self, seconds: f64) {
+        self.open_seconds = seconds;
+        self.wall_seconds = seconds + self.render_seconds;
+    }
+
+    pub(super) fn set_bricks(&mut self, total: u64, census: &Census, counters: &Counters) {
+        self.bricks_total = total;
+        self.bricks_in_view = total.saturating_sub(census.out_of_view);
+        self.bricks_loaded = counters.distinct();
+        self.bricks_reloaded = counters.reloaded();
+        self.bricks_covered = census.covered;
+        self.bricks_skipped_resolution = census.coarser;
+        self.bricks_skipped_transparent = census.transparent;
+        self.bricks_skipped_occluded = census.drawn.saturating_sub(self.bricks_loaded);
+        let bytes = counters.loaded_bytes();
+        (self.bytes_read, self.bytes_decompressed) = (bytes.read, bytes.decompressed);
+        self.wait_seconds = counters.waited().as_secs_f64();
+    }
+
+    /// `samples` are those of each level of the tree.
+    pub(super) fn set_levels(&mut self, header: &Header, counters: &Counters, samples: &[u64]) {
+        let mut levels = BTreeMap::<i64, LevelStats>::new();
+        for (index, samples) in samples.iter().enumerate().take(header.levels.len()) {
+            let level = shown_level(&header.levels, index);
+            let entry = levels.entry(level).or_default();
+            entry.level = level;
+            entry.bricks_visited += counters.distinct_at(index);
+            entry.samples += samples;
+        }
+        self.samples = samples.iter().sum();
+        self.levels = levels.into_values().filter(|level| level.bricks_visited > 0).collect();
+        self.deepest_level_used = self.levels.last().map(|level| level.level);
+    }
+}
+
+/// The number that level `index` of the tree is shown by.
+fn shown_level(levels: &[TreeLevel], index: usize) -> i64 {
+    let octree = i64::from(levels[index].octree);
+    if octree < 0 {
+        return octree;
+    }
+    let from_here = levels[index..].iter();
+    from_here.filter_map(|level| level.simulation).map(i64::from).next().unwrap_or(octree)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_are_the_simulations() {
+        let level = |octree, simulation| TreeLevel {
+            octree,
+            simulation,
+            first_node: 0,
+            nodes: 0,
+            grids: 0,
+            cells: 0,
+            leaf_cells: 0,
+        };
+        let simulation = [None, None, Some(0), Some(1), None, Some(2), Some(3)];
+        let levels: Vec<_> = (-2..5).zip(simulation).map(|(o, s)| level(o, s)).collect();
+        let shown: Vec<i64> = (0..7).map(|index| shown_level(&levels, index)).collect();
+        assert_eq!(shown, [-2, -1, 0, 1, 2, 2, 3]);
+    }
+}

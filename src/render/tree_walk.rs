@@ -1,0 +1,281 @@
+//! The walk of the tree: which pieces of which bricks are drawn in a window of the picture,
+//! front to back, from index records alone.
+
+use super::census::{Fate, Tally};
+use super::cut::Cut;
+use super::frame::Frame;
+use super::load::BrickRequest;
+use super::march::Region;
+use super::rays::{RayGrid, RayRect};
+use super::shading::Shading;
+use super::view::View;
+use crate::cache::{BrickPlace, Cursor, FieldRecord, Header, NodeRecord};
+use crate::space::{FRACTION_BITS, Position};
+use crate::{Error, Result};
+
+/// Reads index records.
+pub trait Index {
+    /// The records of node `node`: its own, and its field's.
+    ///
+    /// # Errors
+    /// An index that is damaged or contradicts itself.
+    fn records(&mut self, node: u64) -> Result<(NodeRecord, FieldRecord)>;
+}
+
+/// Records of one field of a cache.
+pub struct FieldIndex<'c> {
+    /// Reads the cache's index.
+    pub cursor: Cursor<'c>,
+    /// Which field.
+    pub field: usize,
+}
+
+impl Index for FieldIndex<'_> {
+    fn records(&mut self, node: u64) -> Result<(NodeRecord, FieldRecord)> {
+        Ok((self.cursor.node(node)?, self.cursor.field(node, self.field)?))
+    }
+}
+
+/// What all walks of a picture share.
+pub struct Scenery<'r> {
+    /// The tree's levels, its brick shape and domain.
+    pub header: &'r Header,
+    /// The camera.
+    pub view: &'r View,
+    /// The picture's rays.
+    pub rays: &'r RayGrid,
+    /// Where the descent ends.
+    pub cut: &'r Cut,
+    /// What is transparent.
+    pub shading: &'r Shading,
+}
+
+/// One piece to draw: a brick, or one octant of it.
+#[derive(Debug, Clone, Copy)]
+pub struct Step {
+    /// The brick.
+    pub request: BrickRequest,
+    /// The camera as the brick sees it.
+    pub frame: Frame,
+    /// What is drawn of the brick, clipped to the domain.
+    pub region: Region,
+    /// The rays that may meet it.
+    pub rays: RayRect,
+    /// Whether no later step draws from this brick.
+    pub is_last: bool,
+}
+
+/// A node whose octants are being visited.
+struct Open {
+    request: BrickRequest,
+    frame: Frame,
+    /// Octants that children draw.
+    opened: u8,
+    /// Octants that the node's own brick draws and that are not transparent.
+    own: u8,
+    /// Octant `n ^ order` is the n-th from the eye.
+    order: u8,
+    next: u8,
+    fate: Fate,
+}
+
+/// A walk through the window of rays `window`, depth first and front to back. Memory grows with
+/// the depth only. The tally hears of every brick in the tree once, on its own or as one of a
+/// subtree.
+pub struct Walk<'r, I, T> {
+    scenery: &'r Scenery<'r>,
+    index: &'r mut I,
+    tally: T,
+    window: RayRect,
+    stack: Vec<Open>,
+    is_started: bool,
+}
+
+impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
+    /// A walk that begins at the root.
+    pub fn new(
+        scenery: &'r Scenery<'r>,
+        index: &'r mut I,
+        tally: T,
+        window: RayRect,
+    ) -> Self {
+        Self { scenery, index, tally, window, stack: Vec::new(), is_started: false }
+    }
+
+    /// The next piece. What lies wholly behind rays that need nothing more is left out: `needed`
+    /// says whether any ray of a rectangle does.
+    ///
+    /// # Errors
+    /// A damaged index.
+    pub fn next(&mut self, needed: impl Fn(&RayRect) -> bool) -> Result<Option<Step>> {
+        if !self.is_started {
+            self.is_started = true;
+            let root = self.scenery.header.levels.first().map_or(0, |level| level.octree);
+            let place = BrickPlace { tree_level: 0, octree: root, coordinates: [0; 3] };
+            if let Some(step) = self.visit(0, place, &needed)? {
+                return Ok(Some(step));
+            }
+        }
+        while let Some(open) = self.stack.last_mut() {
+            if open.next == 8 {
+                self.tally.count(open.fate, 1);
+                self.stack.pop();
+                continue;
+            }
+            let octant = open.next ^ open.order;
+            open.next += 1;
+            let step = if open.opened >> octant & 1 == 1 {
+                let BrickRequest { record, place, .. } = open.request;
+                let child = record.child(octant).unwrap_or(0);
+                self.visit(child, place.child(octant), &needed)?
+            } else if open.own >> octant & 1 == 1 {
+                self.own_octant(octant, &needed)
+            } else {
+                None
+            };
+            if step.is_some() {
+                return Ok(step);
+            }
+        }
+        Ok(None)
+    }
+
+    /// What the tally has heard.
+    pub fn into_tally(self) -> T {
+        self.tally
+    }
+
+    /// Goes to a node: leaves it and all beneath out, draws it whole, or opens it.
+    fn visit(
+        &mut self,
+        node: u64,
+        place: BrickPlace,
+        needed: &impl Fn(&RayRect) -> bool,
+    ) -> Result<Option<Step>> {
+        if place.tree_level >= self.scenery.header.levels.len() {
+            return Err(Error::invalid(
+                format!("brick {node} of the cache"),
+                "it lies deeper than the tree has levels; ingest the data again",
+            ));
+        }
+        let (record, field) = self.index.records(node)?;
+        let request = BrickRequest { node, place, record, field };
+        let subtree = record.descendants.saturating_add(1);
+        let edge = self.scenery.header.shape.edge() as f64;
+        let frame = self.scenery.frame(&place, None);
+        let rays = self.rays_of(&frame, edge);
+        let skipped = if rays.is_empty() {
+            Some(Fate::OutOfView)
+        } else if self.scenery.is_transparent(&field, false) {
+            Some(Fate::Transparent)
+        } else {
+            (!needed(&rays)).then_some(Fate::Hidden)
+        };
+        if let Some(fate) = skipped {
+            self.tally.count(fate, subtree);
+            return Ok(None);
+        }
+        let opens = self.scenery.cut.opens(&place);
+        if !opens {
+            self.tally.count(Fate::Coarser, record.descendants);
+        }
+        let opened = if opens { record.child_mask } else { 0 };
+        if opened == 0 {
+            return Ok(self.draw_whole(request, frame, rays));
+        }
+        self.open(request, frame, opened);
+        Ok(None)
+    }
+
+    fn draw_whole(&mut self, request: BrickRequest, frame: Frame, rays: RayRect) -> Option<Step> {
+        let region = self.scenery.region(&request.place, None);
+        let is_transparent = self.scenery.is_transparent(&request.field, true);
+        let fate = if is_transparent || region.is_none() { Fate::Transparent } else { Fate::Drawn };
+        self.tally.count(fate, 1);
+        let region = region.filter(|_| !is_transparent)?;
+        Some(Step { request, frame, region, rays, is_last: true })
+    }
+
+    fn open(&mut self, request: BrickRequest, frame: Frame, opened: u8) {
+        let scenery = self.scenery;
+        let is_transparent = scenery.is_transparent(&request.field, true);
+        let has_own = |octant: u8| {
+            opened >> octant & 1 == 0 && scenery.region(&request.place, Some(octant)).is_some()
+        };
+        let own = (0..8).filter(|&octant| has_own(octant)).fold(0, |mask, octant| mask | 1 << octant);
+        let order = scenery.view.octant_order(&scenery.corner(&request.place, 0b111));
+        let fate = if own != 0 && is_transparent { Fate::Transparent } else { Fate::Covered };
+        let own = if is_transparent { 0 } else { own };
+        self.stack.push(Open { request, frame, opened, own, order, next: 0, fate });
+    }
+
+    /// One of the octants that the node on top of the stack draws itself.
+    fn own_octant(&mut self, octant: u8, needed: &impl Fn(&RayRect) -> bool) -> Option<Step> {
+        let half = self.scenery.header.shape.edge() as f64 / 2.0;
+        let place = self.stack.last()?.request.place;
+        let rays = self.rays_of(&self.scenery.frame(&place, Some(octant)), half);
+        if rays.is_empty() {
+            return None;
+        }
+        let region = self.scenery.region(&place, Some(octant))?;
+        let open = self.stack.last_mut()?;
+        open.fate = Fate::Drawn;
+        let is_last = (open.next..8).all(|n| open.own >> (n ^ open.order) & 1 == 0);
+        let (request, frame) = (open.request, open.frame);
+        needed(&rays).then_some(Step { request, frame, region, rays, is_last })
+    }
+
+    fn rays_of(&self, frame: &Frame, size_cells: f64) -> RayRect {
+        const NONE: RayRect = RayRect { lo: [0; 2], hi: [0; 2] };
+        let seen = frame.footprint(size_cells);
+        seen.map_or(NONE, |seen| self.scenery.rays.seen(&seen).intersection(&self.window))
+    }
+}
+
+impl Scenery<'_> {
+    /// Whether the brick itself (`own`), or all from it down, emits and absorbs nothing.
+    fn is_transparent(&self, field: &FieldRecord, own: bool) -> bool {
+        let range = if own { field.own } else { field.tree };
+        field.is_void() || self.shading.is_transparent(range, field.has_nan(own))
+    }
+
+    /// The brick's lowest corner, moved by half its edge along the axes in `octant`: that
+    /// octant's lowest corner, and for 7 the brick's centre.
+    fn corner(&self, place: &BrickPlace, octant: u8) -> Position {
+        let edge = self.header.shape.edge() as i128;
+        let cell = |a: usize| place.coordinates[a] * edge + i128::from(octant >> a & 1) * edge / 2;
+        self.header.domain.cell_corner(place.octree, std::array::from_fn(cell))
+    }
+
+    /// The camera as the brick, or one octant of it, sees it.
+    fn frame(&self, place: &BrickPlace, octant: Option<u8>) -> Frame {
+        let edge = self.header.shape.edge() as f64;
+        let size = if octant.is_some() { edge / 2.0 } else { edge };
+        self.view.frame(&self.corner(place, octant.unwrap_or(0)), place.octree, size)
+    }
+
+    /// The brick, or one octant of it, in its cells, as far as it lies in the domain.
+    fn region(&self, place: &BrickPlace, octant: Option<u8>) -> Option<Region> {
+        let edge = self.header.shape.edge() as f64;
+        let corner = self.corner(place, 0);
+        let upper = self.header.domain.upper();
+        let cells_per_unit = f64::from(place.octree - FRACTION_BITS as i32).exp2();
+        let bounds = |a: usize| {
+            let (lo, hi) = match octant {
+                None => (0.0, edge),
+                Some(octant) if octant >> a & 1 == 1 => (edge / 2.0, edge),
+                Some(_) => (0.0, edge / 2.0),
+            };
+            // Exact where it clips: then it is less than a brick, in units of the root grid.
+            let end = upper.0[a].saturating_sub(corner.0[a]) as f64 * cells_per_unit;
+            (lo, hi.min(end))
+        };
+        let axes: [(f64, f64); 3] = std::array::from_fn(bounds);
+        let is_inside = axes.iter().all(|(lo, hi)| lo < hi);
+        is_inside.then(|| Region { lo: axes.map(|axis| axis.0), hi: axes.map(|axis| axis.1) })
+    }
+}
+
+#[cfg(test)]
+#[path = "tree_walk_tests.rs"]
+mod tests;

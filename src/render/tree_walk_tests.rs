@@ -1,0 +1,274 @@
+use glam::DVec2;
+use proptest::prelude::*;
+
+use super::*;
+use crate::cache::{BrickShape, CachedField, TreeLevel};
+use crate::render::census::Census;
+use crate::render::test_scene::{domain, scene, view};
+use crate::render::walk::clip;
+use crate::scene::Scene;
+
+/// A hand-made tree: nodes in the order of their levels.
+#[derive(Clone)]
+struct Tree {
+    nodes: Vec<(NodeRecord, FieldRecord)>,
+    levels: Vec<TreeLevel>,
+}
+
+impl Index for Tree {
+    fn records(&mut self, node: u64) -> Result<(NodeRecord, FieldRecord)> {
+        Ok(self.nodes[usize::try_from(node).unwrap()])
+    }
+}
+
+/// Bricks of 8³ cells over a root grid of 20×12×28: the root lies two levels above it. Each brick
+/// has the children that `masks` says in turn, as far as they touch the domain.
+fn tree(masks: &[u8], depth: usize) -> Tree {
+    let mut tree = Tree { nodes: Vec::new(), levels: Vec::new() };
+    let mut places = vec![BrickPlace { tree_level: 0, octree: -2, coordinates: [0; 3] }];
+    let mut octants = vec![0u8];
+    for level in 0..=depth {
+        let octree = i32::try_from(level).unwrap() - 2;
+        let first_node = tree.nodes.len() as u64;
+        tree.levels.push(TreeLevel {
+            octree,
+            simulation: u32::try_from(octree).ok(),
+            first_node,
+            nodes: places.len() as u64,
+            grids: 0,
+            cells: 0,
+            leaf_cells: 0,
+        });
+        let (mut next, mut next_octants) = (Vec::new(), Vec::new());
+        for (place, octant) in places.iter().zip(&octants) {
+            let first_child = first_node + (places.len() + next.len()) as u64;
+            let wanted = masks[tree.nodes.len() % masks.len()];
+            let mut record = NodeRecord { octant: *octant, first_child, ..NodeRecord::default() };
+            for octant in 0..8 {
+                let child = place.child(octant);
+                if level < depth && wanted >> octant & 1 == 1 && in_domain(&child) {
+                    record.child_mask |= 1 << octant;
+                    next.push(child);
+                    next_octants.push(octant);
+                }
+            }
+            let field = FieldRecord { own: [0.1, 0.9], tree: [0.1, 0.9], ..FieldRecord::default() };
+            tree.nodes.push((record, field));
+        }
+        (places, octants) = (next, next_octants);
+    }
+    tree.count_descendants();
+    tree
+}
+
+fn in_domain(place: &BrickPlace) -> bool {
+    let corner = domain().cell_corner(place.octree, place.coordinates.map(|c| c * 8));
+    (0..3).all(|a| corner.0[a] < domain().upper().0[a])
+}
+
+impl Tree {
+    fn count_descendants(&mut self) {
+        for node in (0..self.nodes.len()).rev() {
+            let record = self.nodes[node].0;
+            let children = (0..8).filter_map(|octant| record.child(octant));
+            let below = |child: u64| self.nodes[usize::try_from(child).unwrap()].0.descendants + 1;
+            self.nodes[node].0.descendants = children.map(below).sum();
+        }
+    }
+
+    fn header(&self) -> Header {
+        let field = CachedField {
+            name: "Density".to_owned(),
+            units: None,
+            to_cgs: None,
+            exponent: 0,
+            min: 0.0,
+            max: 1.0,
+            smallest_positive: Some(0.1),
+            sum: 0.0,
+            stored_sum: 0.0,
+            nan_cells: 0,
+            dropped_cells: 0,
+            dropped_volume: 0.0,
+            dropped_sum: 0.0,
+            relative_error: 0.0,
+        };
+        Header {
+            file_bytes: 0,
+            source_format: String::new(),
+            time: None,
+            domain: domain(),
+            shape: BrickShape::new(8).unwrap(),
+            levels: self.levels.clone(),
+            fields: vec![field],
+            max_parent_blocks: 1,
+            index_offset: 0,
+            index_pages: 0,
+            page_table_checksum: 0,
+            checksum: 0,
+        }
+    }
+
+    fn nodes(&self) -> u64 {
+        self.nodes.len() as u64
+    }
+
+    /// All steps of the picture's window, and what became of the bricks.
+    fn walk(&self, scene: &Scene, window: Option<RayRect>) -> (Vec<Step>, Census) {
+        let (header, view) = (self.header(), view(scene));
+        let rays = RayGrid::new(&view, scene.render.samples);
+        let cut = Cut::new(scene, &header.domain, header.shape).unwrap();
+        let shading = Shading::new(&scene.volume, scene.render.interpolation, &header).unwrap();
+        let scenery =
+            Scenery { header: &header, view: &view, rays: &rays, cut: &cut, shading: &shading };
+        let mut index = self.clone();
+        let window = window.unwrap_or(rays.whole());
+        let mut walk = Walk::new(&scenery, &mut index, Census::default(), window);
+        let mut steps = Vec::new();
+        while let Some(step) = walk.next(|_| true).unwrap() {
+            steps.push(step);
+        }
+        (steps, walk.into_tally())
+    }
+}
+
+/// The stretches (σ from the eye or the position, code length) of ray (x, y) in the steps that
+/// name it, in their order.
+fn stretches(grid: &RayGrid, steps: &[Step], [x, y]: [u32; 2]) -> Vec<(f64, f64)> {
+    let plane = DVec2::new(grid.column(x), grid.row(y));
+    let named = steps.iter().filter(|s| s.rays.columns().contains(&x) && s.rays.rows().contains(&y));
+    named
+        .filter_map(|step| {
+            let (from, to) = clip(&step.frame.ray(plane), step.region.lo, step.region.hi)?;
+            Some((from + step.frame.depth, to + step.frame.depth))
+        })
+        .collect()
+}
+
+/// A ray's way through the domain by one slab test in f64, code length along the view direction.
+fn whole_path(scene: &Scene, plane: DVec2) -> f64 {
+    let (view, root) = (view(scene), domain());
+    let frame = view.frame(&root.cell_corner(-2, [0; 3]), -2, 8.0);
+    let cells = root.root_cells().map(|n| n as f64 / 4.0);
+    clip(&frame.ray(plane), [0.0; 3], cells).map_or(0.0, |(from, to)| to - from)
+}
+
+fn cameras() -> impl Strategy<Value = (String, bool)> {
+    let coordinate = |lo: f64, hi: f64| lo..hi;
+    let eye = (coordinate(-0.3, 1.3), coordinate(-0.4, 0.6), coordinate(-0.5, 2.5));
+    (eye, 0usize..4).prop_map(|((x, y, z), kind)| match kind {
+        0 => (format!("position = [{x}, {y}, {z}]\nlook_at = [0.5, 0.11, 1.02]\nfov = 70.0"), false),
+        1 => (
+            format!(
+                "projection = \"orthographic\"\nheight = 1.9\nposition = [{x}, {y}, {z}]\n\
+                 look_at = [0.5, 0.11, 1.02]"
+            ),
+            false,
+        ),
+        // Rays along z that lie exactly in faces of cells and bricks: the cell width along x is
+        // 0.05, along y 1/30.
+        2 => (
+            "projection = \"orthographic\"\nheight = 0.4\nposition = [0.4, 0.1, -3]\n\
+             look_at = [0.4, 0.1, 1]"
+                .to_owned(),
+            true,
+        ),
+        // The eye in a corner of many bricks.
+        _ => ("position = [0.8, 0.1, 1.0]\nlook_at = [0.3, 0.05, 0.2]\nfov = 100.0".to_owned(), true),
+    })
+}
+
+fn scene_from(camera: &str, settings: &str) -> Scene {
+    let text = scene(settings, 24, 24).source;
+    let start = text.find("position").unwrap();
+    let end = text.find("[[volume]]").unwrap();
+    let text = format!("{}{camera}\nup = [0, 1, 0]\n{}", &text[..start], &text[end..]);
+    Scene::parse(&text, "test").unwrap()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    #[test]
+    fn every_ray_meets_every_point_of_its_path_once_front_to_back(
+        camera in cameras(),
+        masks in prop::collection::vec(any::<u8>(), 1..40),
+        tolerance in prop_oneof![Just("tolerance = 0"), Just("tolerance = \"1%\"")],
+    ) {
+        let scene = scene_from(&camera.0, &format!("samples = 1\n{tolerance}"));
+        let (steps, census) = tree(&masks, 5).walk(&scene, None);
+        let grid = RayGrid::new(&view(&scene), scene.render.samples);
+        for ray in (0..24).flat_map(|x| (0..24).map(move |y| [x, y])) {
+            let found = stretches(&grid, &steps, ray);
+            let length: f64 = found.iter().map(|(from, to)| to - from).sum();
+            let expected = whole_path(&scene, DVec2::new(grid.column(ray[0]), grid.row(ray[1])));
+            prop_assert!((length - expected).abs() < 1e-9, "{ray:?}: {length} of {expected}");
+            for pair in found.windows(2) {
+                prop_assert!(pair[0].1 <= pair[1].0 + 1e-9, "{ray:?}: {pair:?}");
+            }
+        }
+        let nodes = tree(&masks, 5).nodes();
+        prop_assert_eq!(census.out_of_view + census.coarser + census.covered + census.drawn, nodes);
+        prop_assert_eq!((census.transparent, census.hidden), (0, 0));
+    }
+
+    #[test]
+    fn a_brick_is_drawn_in_one_go_and_the_last_step_is_marked(
+        camera in cameras(),
+        masks in prop::collection::vec(any::<u8>(), 1..40),
+    ) {
+        let scene = scene_from(&camera.0, "samples = 1\ntolerance = 0");
+        let window = RayRect { lo: [3, 5], hi: [17, 9] };
+        let (steps, census) = tree(&masks, 4).walk(&scene, Some(window));
+        let mut finished = std::collections::HashSet::new();
+        for step in &steps {
+            prop_assert_eq!(step.rays.intersection(&window), step.rays);
+            prop_assert!(!step.rays.is_empty());
+            prop_assert!(!finished.contains(&step.request.node));
+            if step.is_last {
+                finished.insert(step.request.node);
+            }
+        }
+        let drawn: std::collections::HashSet<_> = steps.iter().map(|s| s.request.node).collect();
+        prop_assert_eq!(drawn.len() as u64, census.drawn);
+    }
+}
+
+#[test]
+fn every_brick_meets_one_fate() {
+    let mut tree = tree(&[0b1010_0110, 0xff, 0, 0b11], 5);
+    let scene = scene("samples = 1\ntolerance = 0", 24, 24);
+    // Values up to 0.2 map to x where the default absorption is above 0 already: void instead.
+    for node in [9, 30] {
+        tree.nodes[node].1.flags = FieldRecord::VOID;
+    }
+    let (steps, census) = tree.walk(&scene, None);
+    let skipped: u64 = [9, 30].iter().map(|&node| tree.nodes[node].0.descendants + 1).sum();
+    assert_eq!(census.transparent, skipped);
+    let Census { out_of_view, transparent, coarser, covered, hidden, drawn } = census;
+    assert_eq!(out_of_view + transparent + coarser + covered + hidden + drawn, tree.nodes());
+    assert!(steps.iter().all(|step| step.request.node != 9 && step.request.node != 30));
+}
+
+#[test]
+fn what_is_not_needed_is_left_out_with_all_beneath() {
+    let tree = tree(&[0xff], 3);
+    let scene = scene("samples = 1\ntolerance = 0", 24, 24);
+    let (header, view) = (tree.header(), view(&scene));
+    let rays = RayGrid::new(&view, scene.render.samples);
+    let cut = Cut::new(&scene, &header.domain, header.shape).unwrap();
+    let shading = Shading::new(&scene.volume, scene.render.interpolation, &header).unwrap();
+    let scenery =
+        Scenery { header: &header, view: &view, rays: &rays, cut: &cut, shading: &shading };
+    let mut index = tree.clone();
+    let mut walk = Walk::new(&scenery, &mut index, Census::default(), rays.whole());
+    let mut drawn = 0;
+    // As if the first five steps had made everything opaque.
+    while walk.next(|_| drawn < 5).unwrap().is_some() {
+        drawn += 1;
+    }
+    assert_eq!(drawn, 5);
+    let census = walk.into_tally();
+    assert_eq!((census.drawn, census.out_of_view), (5, 0));
+    assert_eq!(census.hidden + census.drawn + census.covered, tree.nodes());
+}
