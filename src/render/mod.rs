@@ -1,1 +1,17 @@
 //! (being written)
+
+mod absorb;
+mod axis;
+mod blend;
+mod fill;
+pub mod frame;
+pub mod interpolant;
+pub mod march;
+mod march_cell;
+mod march_linear;
+mod polynomial;
+pub mod ray_state;
+pub mod scaled;
+pub mod transfer_pieces;
+pub mod view;
+mod walk;
