@@ -1,0 +1,84 @@
+//! Values for cells that have none: holes and ghosts beside coarser data, and cells outside the
+//! domain.
+
+use super::scaled::ScaledBlock;
+use crate::cache::state;
+
+/// The next coarser block, complete, and the level's cell index of its first cell.
+pub(super) struct Above<'a> {
+    pub(super) block: &'a ScaledBlock,
+    pub(super) first: [i128; 3],
+}
+
+/// Along one axis: positions of a cell's parent and of the parent's neighbour on the cell's own
+/// side, in the block above.
+fn parents(side: usize, first: i128, above_first: i128, above_side: usize) -> Vec<[usize; 2]> {
+    (0..side as i128)
+        .map(|n| {
+            let cell = first + n;
+            let parent = cell >> 1;
+            let beside = if cell & 1 == 0 { parent - 1 } else { parent + 1 };
+            [parent, beside]
+                .map(|index| usize::try_from(index - above_first).unwrap_or(0).min(above_side - 1))
+        })
+        .collect()
+}
+
+/// Fills cells of state 0 in `block`, whose first cell has index `first`: along each axis ¾ of
+/// the parent and ¼ of its neighbour on the cell's side.
+pub(super) fn fill_holes(block: &mut ScaledBlock, first: [i128; 3], above: &Above<'_>) {
+    if !block.states.contains(&0) {
+        return;
+    }
+    let side = block.side;
+    let along: [Vec<[usize; 2]>; 3] =
+        std::array::from_fn(|a| parents(side, first[a], above.first[a], above.block.side));
+    for (z, z_parents) in along[2].iter().enumerate() {
+        for (y, y_parents) in along[1].iter().enumerate() {
+            for (x, x_parents) in along[0].iter().enumerate() {
+                let at = block.at([x, y, z]);
+                if block.states[at] == 0 {
+                    block.values[at] = prolonged(above.block, [x_parents, y_parents, z_parents]);
+                }
+            }
+        }
+    }
+}
+
+fn prolonged(above: &ScaledBlock, parents: [&[usize; 2]; 3]) -> f32 {
+    const WEIGHTS: [f64; 2] = [0.75, 0.25];
+    let mut sum = 0.0;
+    for corner in 0..8 {
+        let side: [usize; 3] = std::array::from_fn(|a| corner >> a & 1);
+        let cell = std::array::from_fn(|a| parents[a][side[a]]);
+        let weight = WEIGHTS[side[0]] * WEIGHTS[side[1]] * WEIGHTS[side[2]];
+        sum += weight * f64::from(above.values[above.at(cell)]);
+    }
+    sum as f32
+}
+
+/// Gives cells outside the domain (of `cells` cells along each axis) the value of the nearest
+/// cell inside.
+pub(super) fn fill_outside(block: &mut ScaledBlock, first: [i128; 3], cells: [i128; 3]) {
+    if !block.states.contains(&state::OUTSIDE) {
+        return;
+    }
+    let side = block.side;
+    let inside: [Vec<usize>; 3] = std::array::from_fn(|a| {
+        (0..side as i128)
+            .map(|n| (first[a] + n).clamp(0, cells[a] - 1) - first[a])
+            .map(|n| usize::try_from(n).unwrap_or(0).min(side - 1))
+            .collect()
+    });
+    for z in 0..side {
+        for y in 0..side {
+            for x in 0..side {
+                let at = block.at([x, y, z]);
+                if block.states[at] == state::OUTSIDE {
+                    let from = block.at([inside[0][x], inside[1][y], inside[2][z]]);
+                    block.values[at] = block.values[from];
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! The interpolant: trilinear within a level, blended into the coarser one beside its borders, so
+//! that it is continuous whatever the jump of levels.
+//!
+//! Between the centre of cell c and those of its neighbours toward the sample, T is trilinear.
+//! With v the distance from c's centre along each axis (0 … ½), s = 1 − 2v and, for every set n
+//! of axes whose neighbour does not exist, w = min(w, max over n of s). The interpolant is
+//! F_l = F_{l−1} + w·(T_l − F_{l−1}), evaluated from the finest level on until w = 1.
+
+use glam::DVec3;
+
+use super::scaled::ScaledBrick;
+use crate::cache::state;
+
+/// Which of the 27 bricks around a brick (itself included) are drawn at its level or finer,
+/// where they exist: bit (dx + 1) + 3 (dy + 1) + 9 (dz + 1).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DrawnNeighbours(pub u32);
+
+impl DrawnNeighbours {
+    /// All of them.
+    pub const ALL: Self = Self((1 << 27) - 1);
+
+    /// Whether the brick that holds `cell` is drawn; cells count from the middle brick's lowest
+    /// one, bricks have `edge` cells.
+    #[inline]
+    fn holds(self, cell: [i32; 3], edge: i32) -> bool {
+        let along = |c: i32| if c < 0 { 0 } else { 1 + u32::from(c >= edge) };
+        self.0 >> (along(cell[0]) + 3 * along(cell[1]) + 9 * along(cell[2])) & 1 == 1
+    }
+}
+
+/// A cell and its seven neighbours toward a sample, at one level.
+pub(super) struct Cube {
+    /// Their values; bit a of the index: the neighbour along axis a.
+    pub(super) values: [f64; 8],
+    /// Which of them exist and are drawn at the level or finer.
+    pub(super) exists: u8,
+}
+
+impl Cube {
+    /// `exists` of a cube without a border.
+    pub(super) const COMPLETE: u8 = 0xff;
+
+    /// The weight w of the level at distances `v` from the cell's centre.
+    #[inline]
+    pub(super) fn weight(&self, v: [f64; 3]) -> f64 {
+        if self.exists & 1 == 0 {
+            return 0.0;
+        }
+        let s = v.map(|v| 1.0 - 2.0 * v);
+        let mut weight = 1.0_f64;
+        for n in 1..8 {
+            if self.exists >> n & 1 == 0 {
+                let farthest = (0..3).filter(|a| n >> a & 1 == 1).map(|a| s[a]).fold(0.0, f64::max);
+                weight = weight.min(farthest);
+            }
+        }
+        weight
+    }
+
+    fn trilinear(&self, v: [f64; 3]) -> f64 {
+        (0..8)
+            .map(|n| {
+                let along = |a: usize| if n >> a & 1 == 1 { v[a] } else { 1.0 - v[a] };
+                self.values[n] * (along(0) * along(1) * along(2))
+            })
+            .sum()
+    }
+}
+
+/// One of the eight parts of a cell between its centre and its corners, at one level.
+#[derive(Clone, Copy)]
+pub(super) struct CellOctant {
+    up: usize,
+    cell: [usize; 3],
+    is_upper: [bool; 3],
+}
+
+impl ScaledBrick {
+    /// The part of the cell `up` levels above the brick's cell `cell` that holds `point` (the
+    /// brick's local coordinates).
+    #[inline]
+    pub(super) fn octant(&self, up: usize, cell: [usize; 3], point: [f64; 3]) -> CellOctant {
+        // Beyond the brick's own size its whole block is one cell.
+        let cell = if up <= self.edge_bits as usize { cell.map(|c| c >> up) } else { [0; 3] };
+        let is_upper =
+            std::array::from_fn(|a| self.coarse(up, a, point[a]) - cell[a] as f64 >= 0.5);
+        CellOctant { up, cell, is_upper }
+    }
+
+    /// A local coordinate in the cells of the block `up` levels above.
+    #[inline]
+    fn coarse(&self, up: usize, axis: usize, x: f64) -> f64 {
+        self.blocks[up].corner[axis] + x * self.blocks[up].scale
+    }
+
+    /// Distances of `point` from the centre of the octant's cell, 0 to ½ along each axis.
+    #[inline]
+    pub(super) fn distances(&self, octant: &CellOctant, point: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|a| {
+            let u = self.coarse(octant.up, a, point[a]) - octant.cell[a] as f64;
+            (if octant.is_upper[a] { u - 0.5 } else { 0.5 - u }).clamp(0.0, 0.5)
+        })
+    }
+
+    /// The cell of `octant` and its neighbours on the octant's side.
+    pub(super) fn cube(&self, octant: &CellOctant, drawn: DrawnNeighbours) -> Cube {
+        let block = &self.blocks[octant.up];
+        let mut cube = Cube { values: [0.0; 8], exists: 0 };
+        for n in 0..8 {
+            let cell: [usize; 3] =
+                std::array::from_fn(|a| match (n >> a & 1, octant.is_upper[a]) {
+                    (0, _) => octant.cell[a] + 1,
+                    (_, true) => octant.cell[a] + 2,
+                    (_, false) => octant.cell[a],
+                });
+            let at = block.at(cell);
+            cube.values[n] = f64::from(block.values[at]);
+            let exists = match block.states[at] {
+                state::OUTSIDE => true,
+                bits if bits & state::EXISTS == 0 => false,
+                _ => octant.up > 0 || self.is_drawn(cell, drawn),
+            };
+            cube.exists |= u8::from(exists) << n;
+        }
+        cube
+    }
+
+    /// Whether the brick that holds `cell` of the own block (ghosts counted) is drawn.
+    #[inline]
+    fn is_drawn(&self, cell: [usize; 3], drawn: DrawnNeighbours) -> bool {
+        drawn == DrawnNeighbours::ALL || drawn.holds(cell.map(|c| c as i32 - 1), self.edge as i32)
+    }
+
+    /// Whether a cell of dual cell `index` lies in a neighbour that is not drawn.
+    #[inline]
+    pub(super) fn meets_undrawn(&self, index: [i32; 3], drawn: DrawnNeighbours) -> bool {
+        let edge = self.edge as i32;
+        let inside = |c: i32| c > 0 && c < edge;
+        if drawn == DrawnNeighbours::ALL || index.into_iter().all(inside) {
+            return false;
+        }
+        (0..8).any(|n| {
+            let cell = std::array::from_fn(|a| index[a] - 1 + (n >> a & 1));
+            !drawn.holds(cell, edge)
+        })
+    }
+
+    /// The interpolant (x of the transfer function, unclamped) at `point`, in cells from the
+    /// brick's lowest corner; of a brick prepared for `cell`, the cell's own value, NaN where
+    /// nothing is drawn. Points outside the brick count as the nearest of its cells' faces.
+    pub fn value_at(&self, point: DVec3, drawn: DrawnNeighbours) -> f64 {
+        let largest = self.edge as f64;
+        let point = point.to_array().map(|x| x.clamp(0.0, largest));
+        let cell = point.map(|x| (x as usize).min(self.edge.saturating_sub(1)));
+        let (mut value, mut share) = (0.0, 1.0);
+        if self.is_piecewise_constant() {
+            let own = &self.blocks[0];
+            return f64::from(own.values[own.at(cell.map(|c| c + 1))]);
+        }
+        for up in 0..self.used {
+            let octant = self.octant(up, cell, point);
+            let (cube, v) = (self.cube(&octant, drawn), self.distances(&octant, point));
+            if cube.exists == Cube::COMPLETE || up + 1 == self.used {
+                return value + share * cube.trilinear(v);
+            }
+            let weight = cube.weight(v);
+            value += share * weight * cube.trilinear(v);
+            share *= 1.0 - weight;
+        }
+        value
+    }
+}

@@ -1,0 +1,181 @@
+//! Polynomials along a piece of ray, in s over [0, 1].
+
+/// `Σ c[k] s^k`, meant for s in [0, 1].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Polynomial<const N: usize>(pub [f64; N]);
+
+/// A root is found to this in s: a bend misplaced by it costs its square, a step itself.
+const ROOT_TOLERANCE: f64 = 1e-12;
+
+impl<const N: usize> Polynomial<N> {
+    /// The value that is `x` everywhere.
+    pub(super) fn constant(x: f64) -> Self {
+        let mut c = [0.0; N];
+        c[0] = x;
+        Self(c)
+    }
+
+    /// The value at `s`.
+    #[inline]
+    pub(super) fn at(&self, s: f64) -> f64 {
+        self.0.iter().rev().fold(0.0, |sum, c| sum * s + c)
+    }
+
+    /// The same function over [`from`, `to`], with that interval as the new [0, 1].
+    #[inline]
+    pub(super) fn part(&self, from: f64, to: f64) -> Self {
+        let mut c = self.0;
+        for done in 0..N {
+            for k in (done..N - 1).rev() {
+                c[k] += from * c[k + 1];
+            }
+        }
+        let (width, mut power) = (to - from, 1.0);
+        for coefficient in &mut c {
+            *coefficient *= power;
+            power *= width;
+        }
+        Self(c)
+    }
+
+    /// Bernstein coefficients: the function lies between their smallest and largest over [0, 1],
+    /// and is monotone there if they are.
+    #[inline]
+    pub(super) fn control_points(&self) -> [f64; N] {
+        let mut points = self.0;
+        let (mut binomial, degree) = (1.0, (N - 1) as f64);
+        for (k, point) in points.iter_mut().enumerate() {
+            *point /= binomial;
+            binomial *= (degree - k as f64) / (k + 1) as f64;
+        }
+        for done in 1..N {
+            for k in (done..N).rev() {
+                points[k] += points[k - 1];
+            }
+        }
+        points
+    }
+
+    /// Where the function, monotone over [`from`, 1], takes `value`, which must lie between its
+    /// values at both ends; the nearer end otherwise. Newton's method, kept in its bracket.
+    pub(super) fn solve(&self, value: f64, from: f64) -> f64 {
+        let (mut low, mut high) = (from, 1.0);
+        let (at_low, at_high) = (self.at(low) - value, self.at(high) - value);
+        if at_low == 0.0 || at_high == 0.0 || (at_low < 0.0) == (at_high < 0.0) {
+            return if at_low.abs() <= at_high.abs() { low } else { high };
+        }
+        let mut s = low + (high - low) * (at_low / (at_low - at_high));
+        for _ in 0..100 {
+            let (f, slope) = self.value_and_slope(s, value);
+            if f == 0.0 {
+                break;
+            }
+            if (f < 0.0) == (at_low < 0.0) {
+                low = s;
+            } else {
+                high = s;
+            }
+            let newton = s - f / slope;
+            let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+            let moved = (next - s).abs();
+            s = next;
+            if moved < ROOT_TOLERANCE {
+                break;
+            }
+        }
+        s
+    }
+
+    fn value_and_slope(&self, s: f64, value: f64) -> (f64, f64) {
+        let (mut f, mut slope) = (0.0, 0.0);
+        for c in self.0.iter().rev() {
+            slope = slope * s + f;
+            f = f * s + c;
+        }
+        (f - value, slope)
+    }
+}
+
+impl Polynomial<4> {
+    /// The trilinear interpolant of `corners` (bit a of the index: the upper corner along axis
+    /// a) on the straight line from `start` to `end`, both in the unit cube.
+    #[inline]
+    pub(super) fn along_line(corners: &[f64; 8], start: [f64; 3], end: [f64; 3]) -> Self {
+        let [x, y, z] = start;
+        let (dx, dy, dz) = (end[0] - x, end[1] - y, end[2] - z);
+        // Along x: four linear functions v + d·s; along y: two quadratic ones; along z: a cubic.
+        let slope: [f64; 4] = std::array::from_fn(|n| corners[2 * n + 1] - corners[2 * n]);
+        let v: [f64; 4] = std::array::from_fn(|n| corners[2 * n] + slope[n] * x);
+        let d = slope.map(|slope| slope * dx);
+        let quadratic = |n: usize| {
+            let (w, e) = (v[n + 1] - v[n], d[n + 1] - d[n]);
+            [v[n] + w * y, d[n] + w * dy + e * y, e * dy]
+        };
+        let (low, high) = (quadratic(0), quadratic(2));
+        let w: [f64; 3] = std::array::from_fn(|k| high[k] - low[k]);
+        Self([
+            low[0] + w[0] * z,
+            low[1] + w[1] * z + w[0] * dz,
+            low[2] + w[2] * z + w[1] * dz,
+            w[2] * dz,
+        ])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const P: Polynomial<8> = Polynomial([0.3, -2.0, 5.0, 1.0, -7.0, 0.5, 2.0, 1.5]);
+
+    #[test]
+    fn a_part_is_the_same_function() {
+        let part = P.part(0.2, 0.65);
+        for n in 0..=10 {
+            let s = f64::from(n) / 10.0;
+            assert!((part.at(s) - P.at(0.2 + 0.45 * s)).abs() < 1e-13);
+        }
+    }
+
+    #[test]
+    fn control_points_enclose_and_make_the_function() {
+        let points = P.control_points();
+        let binomial = [1.0, 7.0, 21.0, 35.0, 35.0, 21.0, 7.0, 1.0];
+        for n in 0..=20 {
+            let s = f64::from(n) / 20.0;
+            let sum: f64 = (0..8)
+                .map(|k| points[k] * binomial[k] * s.powi(k as i32) * (1.0 - s).powi(7 - k as i32))
+                .sum();
+            assert!((sum - P.at(s)).abs() < 1e-12, "{s}");
+        }
+    }
+
+    #[test]
+    fn roots_of_steep_flat_and_triple_kind() {
+        let steep = Polynomial([-1.0, 1e9, 0.0, 1e12]);
+        assert!((steep.at(steep.solve(0.5, 0.0)) - 0.5).abs() < 1e-2);
+        let triple = Polynomial([-0.125, 0.75, -1.5, 1.0]);
+        assert!((triple.solve(0.0, 0.0) - 0.5).abs() < 1e-4);
+        assert_eq!(triple.solve(9.0, 0.25), 1.0);
+        let line = Polynomial([0.0, 2.0, 0.0, 0.0]);
+        assert!((line.solve(1.3, 0.1) - 0.65).abs() < 1e-12);
+    }
+
+    #[test]
+    fn trilinear_along_a_line() {
+        let corners = [0.1, 2.0, -1.0, 4.0, 0.7, -3.0, 1.0, 0.2];
+        let (start, end) = ([0.1, 0.9, 0.3], [0.8, 0.2, 0.95]);
+        let cubic = Polynomial::along_line(&corners, start, end);
+        for n in 0..=8 {
+            let s = f64::from(n) / 8.0;
+            let u: [f64; 3] = std::array::from_fn(|a| start[a] + s * (end[a] - start[a]));
+            let direct: f64 = (0..8)
+                .map(|c| {
+                    let w = |a: usize| if c >> a & 1 == 1 { u[a] } else { 1.0 - u[a] };
+                    corners[c] * w(0) * w(1) * w(2)
+                })
+                .sum();
+            assert!((cubic.at(s) - direct).abs() < 1e-14);
+        }
+    }
+}

@@ -1,0 +1,206 @@
+//! Level and value at single points.
+
+use std::collections::HashMap;
+
+use glam::DVec3;
+
+use super::interpolant::DrawnNeighbours;
+use super::scaled::ScaledBrick;
+use crate::cache::{BrickPlace, Cache, Cursor, Decoder, FieldRecord, NodeRecord, RawBrick, state};
+use crate::scene::{Interpolation, nearest};
+use crate::space::{Decimal, Position};
+use crate::{Error, Result};
+
+/// Bricks kept between points.
+const KEPT: usize = 64;
+/// Values of which larger ones are shrunk while they are interpolated: the interpolant's own
+/// limit is 1e30.
+const LARGE: f32 = 1e29;
+/// By how much, a power of two.
+const SHRUNK: f32 = 1.0 / (1 << 30) as f32;
+
+/// What is at a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// The simulation's level of the leaf cell that holds the point.
+    pub level: u32,
+    /// The cell's value, or the interpolant's; NaN where it is NaN or dropped.
+    pub value: f64,
+}
+
+/// Looks up points of one field.
+pub struct Probe<'c> {
+    cache: &'c Cache,
+    field: usize,
+    interpolation: Interpolation,
+    cursor: Cursor<'c>,
+    decoder: Decoder,
+    bricks: HashMap<u64, RawBrick>,
+    scaled: ScaledBrick,
+}
+
+/// The finest brick that holds a point.
+struct Finest {
+    node: u64,
+    place: BrickPlace,
+    record: NodeRecord,
+    field: FieldRecord,
+}
+
+impl<'c> Probe<'c> {
+    /// A probe of the field named `field`, without regard to case.
+    ///
+    /// # Errors
+    /// A field that is not there.
+    pub fn new(cache: &'c Cache, field: &str, interpolation: Interpolation) -> Result<Self> {
+        let header = cache.header();
+        let index = header.field(field).ok_or_else(|| unknown_field(cache, field))?;
+        let decoder = Decoder::new()
+            .map_err(|source| Error::io(cache.path(), "cannot set up decompression", source))?;
+        Ok(Self {
+            cache,
+            field: index,
+            interpolation,
+            cursor: cache.cursor(),
+            decoder,
+            bricks: HashMap::new(),
+            scaled: ScaledBrick::new(),
+        })
+    }
+
+    /// What is at `point` (code length); `None` outside the domain.
+    ///
+    /// # Errors
+    /// A damaged cache.
+    pub fn at(&mut self, point: &[Decimal; 3]) -> Result<Option<Found>> {
+        let domain = &self.cache.header().domain;
+        // A point too far away to be represented is outside too.
+        let Ok(position) = domain.position(point) else { return Ok(None) };
+        if !domain.contains(&position) {
+            return Ok(None);
+        }
+        let finest = self.descend(&position)?;
+        self.look_up(&finest, &position).map(Some)
+    }
+
+    fn descend(&mut self, position: &Position) -> Result<Finest> {
+        let header = self.cache.header();
+        let mut place = BrickPlace::root(-header.levels[0].octree);
+        let mut node = 0;
+        loop {
+            let record = self.cursor.node(node)?;
+            let cell = self.cell(position, &place);
+            let half = header.shape.edge() / 2;
+            let octant = (0..3).fold(0, |o, a| o | u8::from(cell[a] >= half) << a);
+            match record.child(octant) {
+                Some(child) => (node, place) = (child, place.child(octant)),
+                None => {
+                    let field = self.cursor.field(node, self.field)?;
+                    return Ok(Finest { node, place, record, field });
+                }
+            }
+        }
+    }
+
+    /// The cell that holds `position`, counted from the brick's lowest one.
+    fn cell(&self, position: &Position, place: &BrickPlace) -> [usize; 3] {
+        let header = self.cache.header();
+        let index = header.domain.cell_of(place.octree, position);
+        let lowest = place.lowest_cell(header.shape);
+        std::array::from_fn(|a| usize::try_from(index[a] - lowest[a]).unwrap_or(0))
+    }
+
+    fn look_up(&mut self, finest: &Finest, position: &Position) -> Result<Found> {
+        let cell = self.cell(position, &finest.place);
+        if finest.field.is_void() {
+            return Ok(Found { level: self.level(finest.place.tree_level)?, value: f64::NAN });
+        }
+        self.load(finest)?;
+        let raw = &self.bricks[&finest.node];
+        let Some((up, value, bits)) = owner(raw, cell) else {
+            return Err(self.damaged(finest, "no level owns a cell"));
+        };
+        let level = self.level(finest.place.tree_level.saturating_sub(up))?;
+        let value = if bits & state::VOID != 0 || value.is_nan() {
+            f64::NAN
+        } else if self.interpolation == Interpolation::Cell {
+            self.cache.header().fields[self.field].value(value)
+        } else {
+            self.interpolate(finest, position)?
+        };
+        Ok(Found { level, value })
+    }
+
+    fn load(&mut self, finest: &Finest) -> Result<()> {
+        if self.bricks.contains_key(&finest.node) {
+            return Ok(());
+        }
+        if self.bricks.len() >= KEPT {
+            self.bricks.clear();
+        }
+        let mut raw = RawBrick::default();
+        let (record, field) = (&finest.record, &finest.field);
+        self.cache.read_brick(
+            finest.node,
+            record,
+            self.field,
+            field,
+            &mut self.decoder,
+            &mut raw,
+        )?;
+        self.bricks.insert(finest.node, raw);
+        Ok(())
+    }
+
+    fn interpolate(&mut self, finest: &Finest, position: &Position) -> Result<f64> {
+        let header = self.cache.header();
+        let [low, high] = finest.field.own;
+        let factor = if low.abs().max(high.abs()) > LARGE { SHRUNK } else { 1.0 };
+        let raw = &self.bricks[&finest.node];
+        let mapping = |stored: f32| stored * factor;
+        self.scaled.prepare(raw, &finest.place, header, mapping, Interpolation::Linear)?;
+        let lowest = finest.place.lowest_cell(header.shape);
+        let corner = header.domain.cell_corner(finest.place.octree, lowest);
+        let cells = header.domain.difference(position, &corner)
+            / header.domain.cell_width(finest.place.octree);
+        let inside = cells.clamp(DVec3::ZERO, DVec3::splat(header.shape.edge() as f64));
+        let value = self.scaled.value_at(inside, DrawnNeighbours::ALL);
+        let exponent = f64::from(header.fields[self.field].exponent).exp2();
+        Ok(value / f64::from(factor) * exponent)
+    }
+
+    fn level(&self, tree_level: usize) -> Result<u32> {
+        let level = self.cache.header().levels.get(tree_level);
+        level.and_then(|level| level.simulation).ok_or_else(|| {
+            Error::invalid(self.cache.path().display(), "a level of the tree owns a cell it cannot")
+        })
+    }
+
+    fn damaged(&self, finest: &Finest, reason: &str) -> Error {
+        let place = self.cache.path().display();
+        Error::invalid(place, format!("brick {} is damaged: {reason}", finest.node))
+    }
+}
+
+/// How many levels up the owner of a cell (counted from the brick's lowest) lies, its stored
+/// value and its state.
+fn owner(raw: &RawBrick, cell: [usize; 3]) -> Option<(usize, f32, u8)> {
+    raw.blocks.iter().enumerate().find_map(|(up, block)| {
+        let [x, y, z] = cell.map(|c| c.checked_shr(up as u32).unwrap_or(0) + 1);
+        let at = block.at(x, y, z);
+        let bits = *block.states.get(at)?;
+        (bits & state::EXISTS != 0).then(|| (up, block.values[at], bits))
+    })
+}
+
+fn unknown_field(cache: &Cache, name: &str) -> Error {
+    let names: Vec<&str> = cache.header().fields.iter().map(|f| f.name.as_str()).collect();
+    let hint = nearest(name, names.iter().copied())
+        .map_or_else(String::new, |nearest| format!("; did you mean `{nearest}`?"));
+    Error::request(format!(
+        "{}: no field `{}`: there are {}{hint}",
+        cache.path().display(),
+        name.escape_debug(),
+        names.join(", ")
+    ))
+}

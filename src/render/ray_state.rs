@@ -1,0 +1,129 @@
+//! What a ray has gathered on its way from the eye.
+
+/// Below this transmittance a ray may end, and a share of its radiance below this is nothing.
+const NEGLIGIBLE: f64 = 1e-9;
+
+/// A ray's sums, front to back.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RayState {
+    /// Radiance that reaches the eye so far: linear R, G, B.
+    pub radiance: [f64; 3],
+    /// The share of light from behind that still reaches the eye.
+    pub transmittance: f64,
+}
+
+impl Default for RayState {
+    fn default() -> Self {
+        Self { radiance: [0.0; 3], transmittance: 1.0 }
+    }
+}
+
+impl RayState {
+    /// Whether nothing that lies behind can change the picture any more, where emission is at
+    /// most `largest_emission` (radiance / code length) over at most `remaining` code lengths.
+    #[inline]
+    pub fn is_done(&self, largest_emission: f64, remaining: f64) -> bool {
+        self.is_faded(largest_emission * remaining)
+    }
+
+    /// The same for at most `radiance` of light from behind.
+    #[inline]
+    pub(super) fn is_faded(&self, radiance: f64) -> bool {
+        let largest = self.radiance[0].max(self.radiance[1]).max(self.radiance[2]);
+        self.transmittance < NEGLIGIBLE
+            && (self.transmittance * radiance <= NEGLIGIBLE * largest || self.transmittance == 0.0)
+    }
+
+    /// Light that passes through a stretch of constant `extinction` and `emission` (1 / code
+    /// length) over `length` code lengths: the closed form, to rounding for thin and thick.
+    #[inline]
+    pub(super) fn pass(&mut self, extinction: f64, emission: [f64; 3], length: f64) {
+        let depth = extinction * length;
+        let mean = mean_transmittance(depth);
+        let scale = self.transmittance * length * mean;
+        for (sum, emission) in self.radiance.iter_mut().zip(emission) {
+            *sum += scale * emission;
+        }
+        if depth < SERIES_DEPTH {
+            self.transmittance -= self.transmittance * (depth * mean);
+        } else {
+            self.transmittance *= (-depth).exp();
+        }
+    }
+}
+
+/// Optical depths below this are summed as series, exact to 1e-15.
+const SERIES_DEPTH: f64 = 0.0625;
+
+/// (1 − e^−depth) / depth: the mean transmittance of a stretch, 1 at depth 0.
+#[inline]
+pub(super) fn mean_transmittance(depth: f64) -> f64 {
+    if depth < SERIES_DEPTH {
+        const TERMS: [f64; 8] = [
+            1.0,
+            -1.0 / 2.0,
+            1.0 / 6.0,
+            -1.0 / 24.0,
+            1.0 / 120.0,
+            -1.0 / 720.0,
+            1.0 / 5040.0,
+            -1.0 / 40320.0,
+        ];
+        return TERMS.iter().rev().fold(0.0, |sum, term| sum * depth + term);
+    }
+    -(-depth).exp_m1() / depth
+}
+
+/// How far integration along a ray may be off.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Accuracy {
+    /// Largest error relative to the ray's own radiance; 0: converged to rounding's reach.
+    pub relative: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thin_and_thick_stretches() {
+        let mut thin = RayState::default();
+        thin.pass(1e-12, [1.0, 0.0, 2.0], 1.0);
+        assert!((thin.radiance[2] - 2.0 * (1.0 - 5e-13)).abs() < 1e-15);
+        assert!((1.0 - thin.transmittance - 1e-12).abs() < 1.2e-16);
+        let mut thick = RayState::default();
+        thick.pass(1e6, [3e6, 0.0, 0.0], 1.0);
+        assert!((thick.radiance[0] - 3.0).abs() < 1e-12 && thick.transmittance == 0.0);
+        let mut opaque = RayState::default();
+        opaque.pass(1e30, [1e30; 3], 1e20);
+        assert!((opaque.radiance[0] - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn both_formulas_meet() {
+        for depth in [0.0_f64, 1e-9, 0.01, 0.0624, 0.0626, 1.0, 40.0] {
+            let exact = if depth == 0.0 { 1.0 } else { -(-depth).exp_m1() / depth };
+            assert!((mean_transmittance(depth) - exact).abs() < 4e-16, "{depth}");
+        }
+    }
+
+    #[test]
+    fn a_hundred_thousand_steps_do_not_drift() {
+        let mut state = RayState::default();
+        for n in 0..100_000 {
+            let length = if n % 2 == 0 { 0.5_f64.powi(50) } else { 0.5_f64.powi(16) };
+            state.pass(2.0, [2.0, 1.0, 0.0], length);
+        }
+        let depth = 2.0 * 5e4 * (0.5_f64.powi(50) + 0.5_f64.powi(16));
+        assert!((state.transmittance / (-depth).exp() - 1.0).abs() < 1e-12);
+        assert!((state.radiance[0] - (1.0 - (-depth).exp())).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_ray_is_done_only_when_nothing_bright_can_follow() {
+        let state = RayState { radiance: [1.0, 0.0, 0.0], transmittance: 1e-12 };
+        assert!(state.is_done(1.0, 10.0));
+        assert!(!state.is_done(1e9, 10.0));
+        assert!(!RayState { transmittance: 1e-8, ..state }.is_done(0.0, 0.0));
+    }
+}

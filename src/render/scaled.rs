@@ -1,0 +1,290 @@
+//! A brick made ready to march through: mapped values, ghosts and holes filled.
+
+use super::fill::{Above, fill_holes, fill_outside};
+use crate::cache::{Block, BrickPlace, BrickShape, Header, RawBrick, state};
+use crate::scene::Interpolation;
+use crate::space::MAX_OCTREE_LEVEL;
+use crate::{Error, Result};
+
+/// Mapped values are held to ± this.
+const LARGEST: f32 = 1e30;
+
+/// What the marcher has to mind in a dual cell, the cube between eight cell centres.
+pub(super) mod dual {
+    /// All eight cells exist and none is void: the interpolant is trilinear.
+    pub(in crate::render) const PLAIN: u8 = 0;
+    /// Formulas or ownership differ between the cells.
+    pub(in crate::render) const MIXED: u8 = 1;
+    /// All eight cells are void.
+    pub(in crate::render) const VOID: u8 = 2;
+}
+
+/// One block of mapped values: [`Block`] with every cell filled.
+#[derive(Debug, Default)]
+pub(super) struct ScaledBlock {
+    /// Cells along an edge, ghosts included.
+    pub(super) side: usize,
+    /// x of the transfer function, unclamped, x fastest.
+    pub(super) values: Vec<f32>,
+    /// [`state`] bits. In the brick's own block a hole has its owner's VOID bit.
+    pub(super) states: Vec<u8>,
+    /// Where the brick's lower corner lies in the block's cell 0 (ghosts not counted), in cells.
+    pub(super) corner: [f64; 3],
+    /// Width of one of the brick's cells, in the block's.
+    pub(super) scale: f64,
+}
+
+impl ScaledBlock {
+    /// Index of the cell (x, y, z) counted from the block's lowest cell, its ghost.
+    #[inline]
+    pub(super) fn at(&self, [x, y, z]: [usize; 3]) -> usize {
+        (z * self.side + y) * self.side + x
+    }
+
+    fn load(&mut self, raw: &Block, mapping: impl Fn(f32) -> f32) {
+        self.side = raw.side;
+        self.states.clear();
+        self.states.extend_from_slice(&raw.states);
+        self.values.clear();
+        self.values.extend(raw.values.iter().zip(&raw.states).map(|(&value, &bits)| {
+            if bits & state::EXISTS == 0 { 0.0 } else { held(mapping(value)) }
+        }));
+    }
+}
+
+fn held(x: f32) -> f32 {
+    if x.is_nan() { 0.0 } else { x.clamp(-LARGEST, LARGEST) }
+}
+
+/// A decoded brick in the scene's own scale. Its memory is reused from brick to brick.
+#[derive(Debug, Default)]
+pub struct ScaledBrick {
+    /// Cells along an edge.
+    pub(super) edge: usize,
+    /// log2 of `edge`.
+    pub(super) edge_bits: u32,
+    /// The brick's block and, for `linear`, its ancestors'. For `cell`, one block whose cells
+    /// hold what is drawn there, NaN where that is nothing; its ghosts are NaN.
+    pub(super) blocks: Vec<ScaledBlock>,
+    /// Number of `blocks` in use.
+    pub(super) used: usize,
+    /// [`dual`] of the (edge + 1)³ dual cells, x fastest; empty where all are plain.
+    pub(super) duals: Vec<u8>,
+    /// Whether `prepare` was asked for `cell`.
+    is_piecewise_constant: bool,
+}
+
+impl ScaledBrick {
+    /// An empty brick.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Most heap bytes that a brick of `shape` with `blocks` blocks takes.
+    pub fn bytes(shape: BrickShape, blocks: usize) -> u64 {
+        let heads = blocks.max(4).next_power_of_two() * size_of::<ScaledBlock>();
+        (5 * shape.cells_in_blocks(blocks) + (shape.edge() + 1).pow(3) + heads) as u64
+    }
+
+    /// Fills the brick from `raw`, the payload of the brick at `place`; `mapping` takes stored
+    /// values to the transfer function's x, unclamped.
+    ///
+    /// # Errors
+    /// A payload whose shape or states contradict `header` or themselves.
+    pub fn prepare(
+        &mut self,
+        raw: &RawBrick,
+        place: &BrickPlace,
+        header: &Header,
+        mapping: impl Fn(f32) -> f32,
+        interpolation: Interpolation,
+    ) -> Result<()> {
+        check(raw, place, header.shape)?;
+        self.edge = header.shape.edge();
+        self.edge_bits = self.edge.trailing_zeros();
+        self.is_piecewise_constant = interpolation == Interpolation::Cell;
+        self.duals.clear();
+        match interpolation {
+            Interpolation::Cell => self.load_cells(raw, mapping),
+            Interpolation::Linear => self.load_linear(raw, place, header, mapping),
+        }
+        Ok(())
+    }
+
+    /// Whether the values are constant in each cell, as in `cell`.
+    pub(super) fn is_piecewise_constant(&self) -> bool {
+        self.is_piecewise_constant
+    }
+
+    fn reserve(&mut self, blocks: usize) {
+        if self.blocks.len() < blocks {
+            self.blocks.reserve_exact(blocks - self.blocks.len());
+            self.blocks.resize_with(blocks, ScaledBlock::default);
+        }
+        self.used = blocks;
+    }
+
+    fn load_cells(&mut self, raw: &RawBrick, mapping: impl Fn(f32) -> f32) {
+        self.reserve(1);
+        let (edge, bits) = (self.edge, self.edge_bits);
+        let (block, own) = (&mut self.blocks[0], &raw.blocks[0]);
+        block.side = own.side;
+        block.states.clear();
+        block.values.clear();
+        block.values.resize(own.side.pow(3), f32::NAN);
+        for z in 0..edge {
+            for y in 0..edge {
+                let row = own.at(1, y + 1, z + 1);
+                for x in 0..edge {
+                    let (value, states) = match own.states[row + x] {
+                        0 => owner(raw, [x, y, z], bits),
+                        states => (own.values[row + x], states),
+                    };
+                    if states & (state::EXISTS | state::VOID) == state::EXISTS {
+                        block.values[row + x] = held(mapping(value));
+                    }
+                }
+            }
+        }
+    }
+
+    fn load_linear(
+        &mut self,
+        raw: &RawBrick,
+        place: &BrickPlace,
+        header: &Header,
+        mapping: impl Fn(f32) -> f32,
+    ) {
+        self.reserve(raw.blocks.len());
+        let lowest = place.lowest_cell(header.shape);
+        for (up, own) in raw.blocks.iter().enumerate().rev() {
+            let (lower, upper) = self.blocks.split_at_mut(up + 1);
+            let block = &mut lower[up];
+            block.load(own, &mapping);
+            let shift = u32::try_from(up).unwrap_or(u32::MAX).min(126);
+            block.scale = (-f64::from(shift)).exp2();
+            block.corner = lowest.map(|c| (c & ((1 << shift) - 1)) as f64 * block.scale);
+            let first = lowest.map(|c| (c >> shift) - 1);
+            if let Some(above) = upper.first().filter(|_| up + 1 < raw.blocks.len()) {
+                fill_holes(
+                    block,
+                    first,
+                    &Above { block: above, first: lowest.map(|c| (c >> shift >> 1) - 1) },
+                );
+            }
+            let octree = place.octree.saturating_sub_unsigned(shift);
+            fill_outside(block, first, cells_of(header, octree));
+        }
+        self.mark_holes(raw);
+        self.mark_duals();
+    }
+
+    /// Gives holes their owner's VOID bit.
+    fn mark_holes(&mut self, raw: &RawBrick) {
+        let (edge, bits) = (self.edge, self.edge_bits);
+        let block = &mut self.blocks[0];
+        if !block.states.contains(&0) {
+            return;
+        }
+        for z in 0..edge {
+            for y in 0..edge {
+                for x in 0..edge {
+                    let at = block.at([x + 1, y + 1, z + 1]);
+                    if block.states[at] == 0 {
+                        block.states[at] = owner(raw, [x, y, z], bits).1 & state::VOID;
+                    }
+                }
+            }
+        }
+    }
+
+    fn mark_duals(&mut self) {
+        const EXISTING: u8 = state::EXISTS | state::OUTSIDE;
+        let block = &self.blocks[0];
+        let is_plain = |bits: &u8| bits & EXISTING != 0 && bits & state::VOID == 0;
+        if block.states.iter().all(is_plain) {
+            return;
+        }
+        let (side, count) = (block.side, self.edge + 1);
+        let corners: [usize; 8] =
+            std::array::from_fn(|c| block.at([c & 1, c >> 1 & 1, c >> 2 & 1]));
+        for z in 0..count {
+            for y in 0..count {
+                let row = (z * side + y) * side;
+                self.duals.extend((row..row + count).map(|at| {
+                    let states = corners.map(|corner| block.states[at + corner]);
+                    if states.iter().all(is_plain) {
+                        dual::PLAIN
+                    } else if states.iter().all(|bits| bits & state::VOID != 0) {
+                        dual::VOID
+                    } else {
+                        dual::MIXED
+                    }
+                }));
+            }
+        }
+    }
+}
+
+/// Stored value and state of the nearest ancestor's cell that exists where the brick's cell is a
+/// hole.
+fn owner(raw: &RawBrick, cell: [usize; 3], edge_bits: u32) -> (f32, u8) {
+    for (up, block) in raw.blocks.iter().enumerate().skip(1) {
+        // Beyond the brick's own size its whole block is one cell.
+        let [x, y, z] = cell.map(|c| if up <= edge_bits as usize { c >> up } else { 0 });
+        let at = block.at(x + 1, y + 1, z + 1);
+        if block.states[at] & state::EXISTS != 0 {
+            return (block.values[at], block.states[at]);
+        }
+    }
+    (0.0, state::VOID)
+}
+
+/// Cells of the domain along each axis at octree level `octree`, cells that it only touches
+/// included.
+fn cells_of(header: &Header, octree: i32) -> [i128; 3] {
+    header.domain.root_cells().map(|cells| {
+        let cells = i128::from(cells);
+        if octree >= 0 {
+            cells << octree.unsigned_abs().min(MAX_OCTREE_LEVEL)
+        } else {
+            let up = octree.unsigned_abs().min(100);
+            (cells + (1 << up) - 1) >> up
+        }
+    })
+}
+
+fn check(raw: &RawBrick, place: &BrickPlace, shape: BrickShape) -> Result<()> {
+    let wrong = |what: &str| {
+        let [x, y, z] = place.coordinates;
+        Err(Error::invalid(
+            format!("brick ({x}, {y}, {z}) of tree level {}", place.tree_level),
+            format!("{what}; the cache is damaged: check it with `deepfield verify`"),
+        ))
+    };
+    let limit = 1_i128 << 90;
+    if place.octree > MAX_OCTREE_LEVEL as i32
+        || place.coordinates.iter().any(|c| !(0..limit).contains(c))
+    {
+        return wrong("it lies outside every octree");
+    }
+    for (up, block) in raw.blocks.iter().enumerate() {
+        let cells = shape.side(up).pow(3);
+        if block.side != shape.side(up)
+            || block.values.len() != cells
+            || block.states.len() != cells
+        {
+            return wrong("a block has the wrong number of cells");
+        }
+        if !block.states.iter().all(|&bits| state::is_valid(bits)) {
+            return wrong("a cell's state means nothing");
+        }
+    }
+    match raw.blocks.last() {
+        None => wrong("it has no values"),
+        Some(last) if last.states.contains(&0) => {
+            wrong("cells without data have no ancestor that holds them")
+        }
+        Some(_) => Ok(()),
+    }
+}

@@ -1,0 +1,161 @@
+//! The transfer function cut where its formula changes: what exact integration walks along.
+
+use crate::scene::TransferFunction;
+
+/// Buckets of the look-up over [0, 1].
+const BUCKETS: usize = 1024;
+/// Entries of a named colour map, which bends at n / 255 without saying so.
+const COLOR_MAP_ENTRIES: u32 = 256;
+/// Differences of the emission below this share of its largest value are rounding.
+const ROUNDING: f64 = 1e-13;
+
+/// An interval of x in which extinction is linear and emission quadratic.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Piece {
+    /// The interval: start belongs to it, end to the next.
+    pub(super) start: f64,
+    pub(super) end: f64,
+    /// Whether nothing is emitted or absorbed in it.
+    pub(super) is_transparent: bool,
+    /// Where the formulas' own variable d = x − origin is 0.
+    pub(super) origin: f64,
+    /// κ = c0 + c1 d, 1 / code length.
+    pub(super) extinction: [f64; 2],
+    /// j = c0 + c1 d + c2 d² for R, G and B: `emission[power][channel]`, 1 / code length.
+    pub(super) emission: [[f64; 3]; 3],
+}
+
+impl Piece {
+    /// Extinction at `x`, 1 / code length, never below 0.
+    #[inline]
+    pub(super) fn extinction(&self, x: f64) -> f64 {
+        (self.extinction[0] + self.extinction[1] * (x - self.origin)).max(0.0)
+    }
+
+    /// Emission at `x`, radiance / code length.
+    #[inline]
+    pub(super) fn emission(&self, x: f64) -> [f64; 3] {
+        let d = x - self.origin;
+        let [c0, c1, c2] = &self.emission;
+        std::array::from_fn(|c| c0[c] + d * (c1[c] + d * c2[c]))
+    }
+
+    fn constant(start: f64, end: f64, (k, j): (f64, [f64; 3])) -> Self {
+        Self {
+            start,
+            end,
+            is_transparent: k == 0.0 && j == [0.0; 3],
+            origin: start.max(0.0),
+            extinction: [k, 0.0],
+            emission: [j, [0.0; 3], [0.0; 3]],
+        }
+    }
+
+    /// The piece through the function's values at both ends and in the middle.
+    fn between(start: f64, end: f64, sample: &impl Fn(f64) -> (f64, [f64; 3])) -> Self {
+        let width = end - start;
+        let middle = 0.5 * (start + end);
+        if !(middle > start && middle < end) {
+            return Self::constant(start, end, sample(start));
+        }
+        let ((k0, j0), (_, jm), (k1, j1)) =
+            (sample(start), sample(middle), sample(end.next_down()));
+        let linear = |c: usize| (4.0 * jm[c] - 3.0 * j0[c] - j1[c]) / width;
+        let quadratic = |c: usize| 2.0 * (j0[c] + j1[c] - 2.0 * jm[c]) / width / width;
+        Self {
+            start,
+            end,
+            is_transparent: [k0, k1] == [0.0; 2] && [j0, jm, j1] == [[0.0; 3]; 3],
+            origin: start,
+            extinction: [k0, (k1 - k0) / width],
+            emission: [j0, std::array::from_fn(linear), std::array::from_fn(quadratic)],
+        }
+    }
+}
+
+/// All pieces over the whole axis of x; below 0 and from 1 on they are constant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TransferPieces {
+    pieces: Vec<Piece>,
+    /// For each bucket the piece that holds its lower edge.
+    first: Vec<u32>,
+    largest_emission: f64,
+}
+
+impl TransferPieces {
+    /// Cuts `transfer` into its pieces, those of a named colour map included.
+    pub fn new(transfer: &TransferFunction) -> Self {
+        let sample = |x: f64| (transfer.extinction(x), transfer.emission(x));
+        Self::from_samples(transfer.knots(), &sample, transfer.largest_emission())
+    }
+
+    /// The pieces of any function that is piecewise of this kind with bends and steps at `knots`
+    /// and bends, perhaps, at n / 255.
+    fn from_samples(
+        knots: &[f64],
+        sample: &impl Fn(f64) -> (f64, [f64; 3]),
+        largest_emission: f64,
+    ) -> Self {
+        let inside = |x: &f64| *x > 0.0 && *x < 1.0;
+        let mut cuts = vec![0.0, 1.0];
+        cuts.extend(knots.iter().copied().filter(inside));
+        cuts.sort_by(f64::total_cmp);
+        cuts.dedup();
+        let bends: Vec<f64> = (1..COLOR_MAP_ENTRIES - 1)
+            .map(|n| f64::from(n) / f64::from(COLOR_MAP_ENTRIES - 1))
+            .filter(|x| bends_at(*x, &cuts, sample, largest_emission))
+            .collect();
+        cuts.extend(bends);
+        cuts.sort_by(f64::total_cmp);
+        cuts.dedup();
+        let mut pieces = vec![Piece::constant(f64::NEG_INFINITY, 0.0, sample(0.0))];
+        pieces.extend(cuts.windows(2).map(|ends| Piece::between(ends[0], ends[1], sample)));
+        pieces.push(Piece::constant(1.0, f64::INFINITY, sample(1.0)));
+        let first = (0..BUCKETS)
+            .map(|bucket| bucket as f64 / BUCKETS as f64)
+            .map(|edge| pieces.partition_point(|p| p.start <= edge).saturating_sub(1))
+            .map(|index| u32::try_from(index).unwrap_or(u32::MAX))
+            .collect();
+        Self { pieces, first, largest_emission }
+    }
+
+    /// An upper bound of the emission of any channel, radiance / code length.
+    pub fn largest_emission(&self) -> f64 {
+        self.largest_emission
+    }
+
+    /// Piece number `index`.
+    #[inline]
+    pub(super) fn piece(&self, index: usize) -> &Piece {
+        &self.pieces[index.min(self.pieces.len() - 1)]
+    }
+
+    /// The number of the piece that holds `x`; NaN counts as 0.
+    #[inline]
+    pub(super) fn find(&self, x: f64) -> usize {
+        if x >= 1.0 {
+            return self.pieces.len() - 1;
+        }
+        if x < 0.0 {
+            return 0;
+        }
+        let bucket = ((x * BUCKETS as f64) as usize).min(BUCKETS - 1);
+        let mut index = self.first[bucket] as usize;
+        while self.pieces[index].end <= x {
+            index += 1;
+        }
+        index
+    }
+}
+
+/// Whether the emission stops being one quadratic at `x`, a place between `cuts`.
+fn bends_at(x: f64, cuts: &[f64], sample: &impl Fn(f64) -> (f64, [f64; 3]), largest: f64) -> bool {
+    let next = cuts.partition_point(|cut| *cut <= x);
+    let room = (x - cuts[next - 1]).min(cuts.get(next).map_or(1.0, |cut| cut - x));
+    let h = (0.4 * room).min(0.25 / f64::from(COLOR_MAP_ENTRIES));
+    let j = |n: f64| sample(x + n * h).1;
+    let (before, at, after, beyond) = (j(-1.0), j(0.0), j(1.0), j(2.0));
+    // The third difference of a quadratic vanishes.
+    let third = |c: usize| beyond[c] - 3.0 * after[c] + 3.0 * at[c] - before[c];
+    h > 0.0 && (0..3).any(|c| third(c).abs() > ROUNDING * largest)
+}

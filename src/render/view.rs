@@ -1,0 +1,167 @@
+//! The camera: exact positions, and which ray belongs to which place of the picture.
+
+use glam::{DVec2, DVec3};
+
+use super::axis::axis_point;
+use super::frame::Frame;
+use crate::scene::{CameraSettings, Projection, Scene};
+use crate::space::{Domain, FRACTION_BITS, Position};
+use crate::{Error, Result};
+
+/// An `up` closer to the view direction than this (sine of the angle) has no direction left.
+const SMALLEST_SINE: f64 = 1e-12;
+
+/// The camera's directions: orthonormal to rounding.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Basis {
+    pub(super) forward: DVec3,
+    pub(super) right: DVec3,
+    pub(super) up: DVec3,
+}
+
+/// A camera in a domain, with the picture's size. Places of the image plane are (P, Q): the ray
+/// of a perspective view runs along `forward + right·P + up·Q` from the eye, that of an
+/// orthographic one along `forward` through `position + right·P + up·Q` (code length).
+#[derive(Debug, Clone)]
+pub struct View {
+    domain: Domain,
+    width: u32,
+    height: u32,
+    position: Position,
+    look_at: Position,
+    /// |look_at − position|, code length.
+    distance: f64,
+    basis: Basis,
+    is_perspective: bool,
+    /// P and Q at the picture's right and upper edge.
+    half: DVec2,
+}
+
+impl View {
+    /// The camera of `scene` in `domain`.
+    ///
+    /// # Errors
+    /// Positions out of range, `look_at` at `position` (to the precision of positions), and an
+    /// `up` along the view.
+    pub fn new(scene: &Scene, domain: &Domain) -> Result<Self> {
+        Self::from_camera(&scene.camera, scene.image.width, scene.image.height, domain)
+    }
+
+    pub(super) fn from_camera(
+        camera: &CameraSettings,
+        width: u32,
+        height: u32,
+        domain: &Domain,
+    ) -> Result<Self> {
+        let position = domain.position(&camera.position)?;
+        let look_at = domain.position(&camera.look_at)?;
+        if position == look_at {
+            return Err(Error::request(
+                "camera: look_at is position (to 2^-96 of a root cell): move one of them",
+            ));
+        }
+        let ahead = domain.difference(&look_at, &position);
+        let (is_perspective, half_height) = match camera.projection {
+            // fov/2 in radians, in one rounding, so that tiny angles stay precise.
+            Projection::Perspective { fov_degrees } => {
+                (true, (fov_degrees * (std::f64::consts::PI / 360.0)).tan())
+            }
+            Projection::Orthographic { height } => (false, 0.5 * height),
+        };
+        let aspect = f64::from(width) / f64::from(height);
+        if !(half_height > 0.0 && half_height.is_finite() && aspect > 0.0 && aspect.is_finite()) {
+            return Err(Error::request("camera: the view has no height or width"));
+        }
+        Ok(Self {
+            domain: domain.clone(),
+            width,
+            height,
+            position,
+            look_at,
+            distance: ahead.length(),
+            basis: basis(ahead, camera.up)?,
+            is_perspective,
+            half: DVec2::new(half_height * aspect, half_height),
+        })
+    }
+
+    /// Pixels in a row.
+    pub fn width(&self) -> u32 {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+
+    /// (P, Q) of a place in pixels from the picture's left and upper edge: i + ½ and j + ½ for
+    /// the centre of pixel (i, j).
+    pub fn plane(&self, x_pixels: f64, y_pixels: f64) -> DVec2 {
+        let p = 2.0 * x_pixels / f64::from(self.width) - 1.0;
+        let q = 1.0 - 2.0 * y_pixels / f64::from(self.height);
+        DVec2::new(p * self.half.x, q * self.half.y)
+    }
+
+    /// P and Q at the picture's right and upper edge; the others are their negatives.
+    pub fn plane_half_size(&self) -> DVec2 {
+        self.half
+    }
+
+    /// The frame of a brick of `size_cells`³ cells of octree level `octree` with its lowest
+    /// corner at `corner`: anchored at the exact point of the view axis that is closest to the
+    /// brick's centre (of those not behind the eye, in a perspective view).
+    pub fn frame(&self, corner: &Position, octree: i32, size_cells: f64) -> Frame {
+        let cells_per_unit = f64::from(octree - FRACTION_BITS as i32).exp2();
+        let half = (0.5 * size_cells / cells_per_unit) as i128;
+        let centre = Position(corner.0.map(|c| c.saturating_add(half)));
+        let ahead = self.domain.difference(&self.look_at, &self.position);
+        let foot = self.domain.difference(&centre, &self.position).dot(ahead);
+        let t = foot / self.distance / self.distance;
+        let t = if t.is_finite() && !(self.is_perspective && t < 0.0) { t } else { 0.0 };
+        let anchor = axis_point(&self.position, &self.look_at, t);
+        let offset = |a: usize| anchor.0[a].saturating_sub(corner.0[a]) as f64 * cells_per_unit;
+        Frame {
+            anchor: DVec3::from_array(std::array::from_fn(offset)),
+            depth: t * self.distance,
+            cell_width: self.domain.cell_width(octree),
+            basis: self.basis,
+            is_perspective: self.is_perspective,
+            half: self.half,
+        }
+    }
+
+    /// The order in which a box's octants are met, as a mask: octants `o ^ mask` for o in 0..8
+    /// run front to back, for the box (or brick) centred at `centre`, whatever the ray.
+    pub fn octant_order(&self, centre: &Position) -> u8 {
+        (0..3).fold(0, |mask, a| {
+            let upper_first = if self.is_perspective {
+                self.position.0[a] >= centre.0[a]
+            } else {
+                self.look_at.0[a] < self.position.0[a]
+            };
+            mask | u8::from(upper_first) << a
+        })
+    }
+
+    /// Height of a pixel's footprint at `depth` (code length along the view direction from the
+    /// eye), code length; 0 behind the eye of a perspective view.
+    pub fn pixel_size_at(&self, depth: f64) -> f64 {
+        let pixel = 2.0 * self.half.y / f64::from(self.height);
+        if self.is_perspective { pixel * depth.max(0.0) } else { pixel }
+    }
+}
+
+/// Directions from the view direction and `up`, of any lengths.
+fn basis(ahead: DVec3, up: DVec3) -> Result<Basis> {
+    let up = up / up.abs().max_element();
+    let forward = ahead.normalize();
+    let across = forward.cross(up.normalize());
+    if !(across.length() > SMALLEST_SINE) {
+        return Err(Error::request("camera: up points along the view: choose another direction"));
+    }
+    // The cross product of nearly parallel vectors is orthogonal only after a second pass.
+    let across = across.normalize();
+    let right = (across - forward * across.dot(forward)).normalize();
+    Ok(Basis { forward, right, up: right.cross(forward).normalize() })
+}
