@@ -22,6 +22,7 @@ fn dyadic(value: f64) -> (i64, i32) {
     let bits = value.to_bits();
     let fraction = (bits & ((1 << 52) - 1)) as i64;
     let (mantissa, exponent) = match (bits >> 52) & 0x7ff {
+        0 if fraction == 0 => (0, 0),
         0 => (fraction, -1074),
         biased => (fraction | 1 << 52, biased as i32 - 1075),
     };
@@ -33,14 +34,15 @@ fn nearest(numerator: &BigInt, denominator: &BigInt, exponent: i32) -> f64 {
     if numerator.is_zero() {
         return 0.0;
     }
-    // A quotient of more than 64 bits, its last bit set where a remainder is left, rounds as the
-    // exact number does.
-    let shift = (denominator.bits() + 66).saturating_sub(numerator.bits());
-    let (quotient, remainder) = (numerator << shift).div_mod_floor(denominator);
-    let sticky = if remainder.is_zero() { quotient } else { (quotient << 1u32) | BigInt::one() };
-    let extra = i32::from(!remainder.is_zero());
-    let power = exponent - i32::try_from(shift).unwrap_or(i32::MAX) - extra;
-    sticky.to_f64().unwrap_or(0.0) * f64::from(power).exp2()
+    // A quotient of 66 bits or one more, its last bit set where a remainder is left, rounds as
+    // the exact number does.
+    let bits = |number: &BigInt| i64::try_from(number.bits()).unwrap_or(i64::MAX / 4);
+    let shift = bits(denominator) + 66 - bits(numerator);
+    let (up, down) = (shift.max(0).unsigned_abs(), shift.min(0).unsigned_abs());
+    let (quotient, remainder) = (numerator << up).div_mod_floor(&(denominator << down));
+    let sticky = if remainder.is_zero() { quotient } else { quotient | BigInt::one() };
+    let power = f64::from(exponent) - shift as f64;
+    sticky.to_f64().unwrap_or(0.0) * power.exp2()
 }
 
 /// `value` as C's `%.14g` prints it.
