@@ -105,9 +105,8 @@ impl DensityModel {
     /// Offsets of the centres of a box's cells from `origin`, along each axis.
     fn axis_offsets(&self, octree: u32, cells: &IndexBox, origin: &Position) -> [Vec<f64>; 3] {
         std::array::from_fn(|axis| {
-            let offset = |i: i128| {
-                self.domain.difference(&cell_centre(octree, [i; 3]), origin)[axis]
-            };
+            let offset =
+                |i: i128| self.domain.difference(&cell_centre(octree, [i; 3]), origin)[axis];
             (cells.lo[axis]..cells.hi[axis]).map(offset).collect()
         })
     }

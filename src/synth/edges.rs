@@ -11,7 +11,8 @@ use crate::space::Domain;
 pub(super) fn cell_edge(domain: &Domain, octree: u32, axis: usize, index: i128) -> f64 {
     let (left, right) = (dyadic(domain.left()[axis]), dyadic(domain.right()[axis]));
     let exponent = left.1.min(right.1);
-    let [left, right] = [left, right].map(|(m, e)| BigInt::from(m) << (e - exponent).unsigned_abs());
+    let [left, right] =
+        [left, right].map(|(m, e)| BigInt::from(m) << (e - exponent).unsigned_abs());
     let cells = BigInt::from(domain.root_cells()[axis]) << octree;
     let numerator = &left * &cells + (right - left) * BigInt::from(index);
     nearest(&numerator, &cells, exponent)

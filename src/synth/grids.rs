@@ -86,7 +86,8 @@ impl Grids {
             i128::from(cells) * i128::from(n) / i128::from(tiles)
         };
         let [nx, ny, nz] = self.tiles;
-        let tiles = (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])));
+        let tiles =
+            (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])));
         let tile = |at: [u64; 3]| IndexBox {
             lo: std::array::from_fn(|a| cut(a, at[a])),
             hi: std::array::from_fn(|a| cut(a, at[a] + 1)),
@@ -109,8 +110,7 @@ impl Grids {
             }
         }
         if let Some(threshold) = &self.refinement.threshold {
-            let (at, scale) =
-                ((level, self.octree(level)), (self.factor(), self.refinement.seed));
+            let (at, scale) = ((level, self.octree(level)), (self.factor(), self.refinement.seed));
             for block in refined_blocks(threshold, &self.model, at, grid, scale) {
                 add_remainder(&mut children, block);
             }

@@ -110,10 +110,8 @@ impl Nest {
         let face = if self.choose(level, 21, 2) == 0 { parent.lo } else { parent.hi }[axis];
         let inset = i128::from(steps);
         let reach = 6 - 2 * inset;
-        let mut flush = IndexBox {
-            lo: parent.lo.map(|i| i + inset),
-            hi: parent.lo.map(|i| i + 7 - inset),
-        };
+        let mut flush =
+            IndexBox { lo: parent.lo.map(|i| i + inset), hi: parent.lo.map(|i| i + 7 - inset) };
         (flush.lo[axis], flush.hi[axis]) = (face - reach, face + reach);
         flush
     }

@@ -11,7 +11,8 @@ use super::{Grid, Grids, Recipe, write};
 use crate::space::IndexBox;
 
 fn provided(name: &str) -> Recipe {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("datasets_synthetic/{name}.toml"));
+    let path =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("datasets_synthetic/{name}.toml"));
     Recipe::parse(&fs::read_to_string(&path).unwrap(), path.display()).unwrap()
 }
 
@@ -196,13 +197,7 @@ fn stored_values_are_the_models_in_leaf_cells_and_as_asked_elsewhere() {
 }
 
 /// Compares leaf cells with the model, and adds root values and leaf values, both times volume.
-fn check_grid(
-    grids: &Grids,
-    grid: &Grid,
-    values: &[f64],
-    average: bool,
-    sums: &mut [f64; 2],
-) {
+fn check_grid(grids: &Grids, grid: &Grid, values: &[f64], average: bool, sums: &mut [f64; 2]) {
     let (octree, size) = (grids.octree(grid.level), grid.cells.size());
     let children = grids.children(grid.level, &grid.cells);
     let volume = (-3.0 * f64::from(octree)).exp2();
@@ -239,7 +234,10 @@ fn mistakes_in_recipes_are_named() {
     refused(format!("{sound}[[density]]\nkind = \"constant\"\nvalu = 1.0\n"), "`valu`");
     refused(format!("{sound}{density}[refinement]\nfactor = 3\nmax_level = 1\n"), "factor 3");
     refused(sound.to_owned(), "density");
-    refused(format!("{sound}density = []\n").replace("[domain]", "[domain]\ntiles = [9, 1, 1]"), "tiles");
+    refused(
+        format!("{sound}density = []\n").replace("[domain]", "[domain]\ntiles = [9, 1, 1]"),
+        "tiles",
+    );
     refused(format!("{}{density}", sound.replace("[1, 1, 1]", "[1, 0, 1]")), "edges along y");
     refused(format!("{}{density}", sound.replace("8, 8, 8", "8, 0, 8")), "root grid has 0 cells");
     refused(format!("{}{density}", sound.replace("8, 8, 8", "4096, 4096, 4096")), "tiles");
@@ -249,7 +247,9 @@ fn mistakes_in_recipes_are_named() {
         "output.hierarchy_hdf5",
     );
     refused(
-        format!("{sound}[[density]]\nkind = \"gaussian\"\ncentre = [0, 0, 0]\npeak = 1.0\nsigma = 0.0\n"),
+        format!(
+            "{sound}[[density]]\nkind = \"gaussian\"\ncentre = [0, 0, 0]\npeak = 1.0\nsigma = 0.0\n"
+        ),
         "gaussian.sigma",
     );
 }

@@ -20,10 +20,8 @@ pub(super) fn grid_values(
     let size = grid.cells.size().map(|n| n as usize);
     let octree = grids.octree(grid.level);
     let sampler = grids.model().sampler(octree, grid.cells);
-    let mut values: Vec<Vec<f64>> = fields
-        .iter()
-        .map(|_| Vec::with_capacity(size[0] * size[1] * size[2]))
-        .collect();
+    let mut values: Vec<Vec<f64>> =
+        fields.iter().map(|_| Vec::with_capacity(size[0] * size[1] * size[2])).collect();
     for z in 0..size[2] {
         for y in 0..size[1] {
             for x in 0..size[0] {

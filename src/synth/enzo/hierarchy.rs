@@ -28,13 +28,7 @@ impl<'a> HierarchyText<'a> {
     }
 
     /// Adds a grid, whose data are in file `file` and whose next sibling is `next` (0: none).
-    pub(super) fn grid(
-        &mut self,
-        grids: &Grids,
-        grid: &Grid,
-        file: u32,
-        next: u64,
-    ) -> Result<()> {
+    pub(super) fn grid(&mut self, grids: &Grids, grid: &Grid, file: u32, next: u64) -> Result<()> {
         let id = grid.id;
         let size = grid.cells.size();
         let (left, right) = edges(grids, grid);
@@ -76,9 +70,7 @@ impl<'a> HierarchyText<'a> {
 
     fn append(&mut self, text: &str) -> Result<()> {
         self.bytes += text.len() as u64;
-        self.file
-            .write_all(text.as_bytes())
-            .map_err(|e| Error::io(&self.path, "cannot write", e))
+        self.file.write_all(text.as_bytes()).map_err(|e| Error::io(&self.path, "cannot write", e))
     }
 }
 
