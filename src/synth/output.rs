@@ -1,0 +1,95 @@
+//! A folder that appears whole or not at all.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::{Error, Result};
+
+/// First line of the parameter files that `synth` writes; folders without it are not replaced.
+pub(super) const MARK: &str = "# Synthetic data set written by deepfield synth";
+
+/// A folder under a temporary name beside its final one, removed unless it is finished.
+pub(super) struct OutputFolder {
+    partial: PathBuf,
+    target: PathBuf,
+    finished: bool,
+}
+
+impl OutputFolder {
+    /// Starts folder `name` in `directory`, which is made if need be.
+    ///
+    /// # Errors
+    /// A folder of that name which holds anything else than an earlier synthetic data set.
+    pub(super) fn create(directory: &Path, name: &str) -> Result<Self> {
+        let target = directory.join(name);
+        refuse_foreign(&target, name)?;
+        fs::create_dir_all(directory)
+            .map_err(|e| Error::io(directory, "cannot make this folder", e))?;
+        let partial = directory.join(format!(".{name}.partial"));
+        // What an interrupted run left.
+        remove_folder(&partial)?;
+        fs::create_dir(&partial).map_err(|e| Error::io(&partial, "cannot make this folder", e))?;
+        Ok(Self { partial, target, finished: false })
+    }
+
+    /// A file of the folder, where it is written.
+    pub(super) fn file(&self, name: &str) -> PathBuf {
+        self.partial.join(name)
+    }
+
+    /// Gives the folder its final name, in place of an earlier synthetic data set.
+    pub(super) fn finish(mut self) -> Result<PathBuf> {
+        if self.target.exists() {
+            let old = self.partial.with_extension("old");
+            remove_folder(&old)?;
+            rename(&self.target, &old)?;
+            rename(&self.partial, &self.target)?;
+            self.finished = true;
+            remove_folder(&old)?;
+        } else {
+            rename(&self.partial, &self.target)?;
+            self.finished = true;
+        }
+        Ok(self.target.clone())
+    }
+}
+
+impl Drop for OutputFolder {
+    fn drop(&mut self) {
+        if !self.finished {
+            // The run has failed already; that the folder stays is no more than litter that the
+            // next run removes.
+            let _ = fs::remove_dir_all(&self.partial);
+        }
+    }
+}
+
+fn rename(from: &Path, to: &Path) -> Result<()> {
+    fs::rename(from, to).map_err(|e| Error::io(to, format!("cannot rename {}", from.display()), e))
+}
+
+fn remove_folder(path: &Path) -> Result<()> {
+    match fs::remove_dir_all(path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+            Err(Error::io(path, "cannot remove this folder", e))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Refuses a target that is not empty and not an earlier synthetic data set.
+fn refuse_foreign(target: &Path, name: &str) -> Result<()> {
+    let empty = match fs::read_dir(target) {
+        Ok(mut entries) => entries.next().is_none(),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => true,
+        Err(e) => return Err(Error::io(target, "cannot list this folder", e)),
+    };
+    let parameters = fs::read(target.join(name)).unwrap_or_default();
+    if empty || parameters.starts_with(MARK.as_bytes()) {
+        return Ok(());
+    }
+    Err(Error::request(format!(
+        "{}: exists and holds something else than a synthetic data set: choose another folder",
+        target.display()
+    )))
+}

@@ -1,0 +1,359 @@
+//! Recipes: what a synthetic data set looks like, as TOML.
+
+use serde::Deserialize;
+
+use crate::space::{Decimal, Domain, Levels};
+use crate::{Error, Result};
+
+mod component;
+
+pub(super) use component::{Component, Spiral, Texture};
+
+/// Most cells of one grid: grids are built in memory.
+const MAX_GRID_CELLS: u128 = 1 << 25;
+/// Octree levels beyond which 14 digits no longer tell where a grid lies.
+const TEXT_EDGE_LEVELS: u32 = 34;
+/// Most grids that `.hierarchy.hdf5` is built for, as it is built in memory.
+pub(super) const MAX_HDF5_HIERARCHY_GRIDS: u64 = 20_000;
+/// Grids up to which `.hierarchy.hdf5` is written when a recipe doesn't say.
+pub(super) const DEFAULT_HDF5_HIERARCHY_GRIDS: u64 = 2_000;
+
+/// A synthetic data set's description.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recipe {
+    /// Name of the output, as Enzo numbers them: `DD0000`.
+    #[serde(default = "default_name")]
+    pub name: String,
+    /// The simulated box and its root grid.
+    pub domain: DomainRecipe,
+    /// Which grids there are.
+    #[serde(default)]
+    pub refinement: RefinementRecipe,
+    /// What the density is: a sum of components, times turbulence and grain.
+    pub density: Vec<Component>,
+    /// How the data set is stored.
+    #[serde(default)]
+    pub output: OutputRecipe,
+}
+
+/// The `[domain]` table.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DomainRecipe {
+    /// Left edges, code length.
+    pub left: [f64; 3],
+    /// Right edges, code length.
+    pub right: [f64; 3],
+    /// Cells of the root grid.
+    pub root: [u64; 3],
+    /// Grids that the root level is cut into along each axis.
+    #[serde(default = "one_each")]
+    pub tiles: [u64; 3],
+}
+
+/// The `[refinement]` table.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RefinementRecipe {
+    /// Refinement factor between all levels: 2 or 4.
+    pub factor: u32,
+    /// Deepest level, 0 = root grid.
+    pub max_level: u32,
+    /// Varies the grids' shapes and the noise.
+    pub seed: u64,
+    /// Nested refinement around points.
+    pub centre: Vec<CentreRecipe>,
+    /// Refinement where the density is high.
+    pub threshold: Option<ThresholdRecipe>,
+}
+
+/// One `[[refinement.centre]]`: boxes around a point, nested down to a depth.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CentreRecipe {
+    /// The point, code length, decimals of any length.
+    pub position: [Coordinate; 3],
+    /// Deepest level around this point; the recipe's `max_level` where not given.
+    pub depth: Option<u32>,
+    /// Cells of each level from the point to its box's faces, before they are moved about.
+    pub half_size: [u32; 3],
+    /// Every how many levels the box gets an arm, which makes an L; 0: never.
+    #[serde(default = "default_arms")]
+    pub arms: u32,
+    /// Every how many levels grids are put flush against a face of the box, so that levels two
+    /// and three apart touch; 0: never.
+    #[serde(default = "default_satellites")]
+    pub satellites: u32,
+}
+
+/// `[refinement.threshold]`: blocks of cells are refined where the density is high.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ThresholdRecipe {
+    /// `density[l]`: level `l` is refined where the density exceeds this.
+    pub density: Vec<f64>,
+    /// Smallest and largest extent of a block along an axis, in cells of the coarser level.
+    #[serde(default = "default_block")]
+    pub block: [u32; 2],
+}
+
+/// The `[output]` table.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OutputRecipe {
+    /// Precision of field values.
+    pub precision: Precision,
+    /// Fields to write: `Density`, and any of `Temperature` and `x-`, `y-` and `z-velocity`.
+    pub fields: Vec<String>,
+    /// Cells under finer grids.
+    pub covered: Covered,
+    /// Largest size of one `.cpuNNNN` file, MiB (a single grid may exceed it).
+    pub file_mib: f64,
+    /// Whether to write `.hierarchy.hdf5`; where not given: up to 2000 grids.
+    pub hierarchy_hdf5: Option<bool>,
+    /// Whether fields come in another order in each grid.
+    pub shuffle_fields: bool,
+    /// Particles in every third grid.
+    pub particles: u32,
+}
+
+/// Precision of stored field values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+pub enum Precision {
+    /// 32-bit floats.
+    #[serde(rename = "f32")]
+    F32,
+    /// 64-bit floats.
+    #[serde(rename = "f64")]
+    F64,
+}
+
+impl Precision {
+    /// Size of a value.
+    pub fn bytes(self) -> u64 {
+        match self {
+            Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+}
+
+/// What cells under finer grids hold.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(untagged)]
+pub enum Covered {
+    /// `"average"`: the average of the leaf cells beneath.
+    Average(AverageWord),
+    /// A number: the model at the cell's own centre times this, which only chance makes right.
+    Factor(f64),
+}
+
+/// The word `"average"`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AverageWord {
+    /// The only word.
+    Average,
+}
+
+/// A coordinate: a number (its shortest decimal) or a decimal string of any length.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(untagged)]
+pub enum Coordinate {
+    /// A TOML number.
+    Number(f64),
+    /// A decimal string.
+    Text(String),
+}
+
+impl Coordinate {
+    /// The exact decimal.
+    ///
+    /// # Errors
+    /// Text that is no decimal number.
+    pub fn decimal(&self) -> Result<Decimal> {
+        match self {
+            Self::Number(value) => Decimal::from_shortest(*value),
+            Self::Text(text) => Decimal::parse(text),
+        }
+    }
+}
+
+/// Fields that can be written.
+pub(super) const FIELD_NAMES: [&str; 5] =
+    ["Density", "Temperature", "x-velocity", "y-velocity", "z-velocity"];
+
+impl Default for RefinementRecipe {
+    fn default() -> Self {
+        Self { factor: 2, max_level: 0, seed: 0, centre: Vec::new(), threshold: None }
+    }
+}
+
+impl Default for OutputRecipe {
+    fn default() -> Self {
+        Self {
+            precision: Precision::F64,
+            fields: vec!["Density".to_owned()],
+            covered: Covered::Factor(1.0),
+            file_mib: 32.0,
+            hierarchy_hdf5: None,
+            shuffle_fields: false,
+            particles: 0,
+        }
+    }
+}
+
+fn default_name() -> String {
+    "DD0000".to_owned()
+}
+
+fn one_each() -> [u64; 3] {
+    [1; 3]
+}
+
+fn default_arms() -> u32 {
+    2
+}
+
+fn default_satellites() -> u32 {
+    3
+}
+
+fn default_block() -> [u32; 2] {
+    [6, 11]
+}
+
+impl Recipe {
+    /// Parses a recipe; `place` (a file's path) names it in errors.
+    ///
+    /// # Errors
+    /// Text that is no TOML, unknown keys, and whatever cannot be written.
+    pub fn parse(text: &str, place: impl std::fmt::Display) -> Result<Self> {
+        let recipe: Self = toml::from_str(text).map_err(|error| {
+            let start = error.span().map_or(0, |span| span.start.min(text.len()));
+            let line = 1 + text.as_bytes()[..start].iter().filter(|&&b| b == b'\n').count();
+            let reason = error.message().replace('\n', " ");
+            Error::invalid(format!("{place}: line {line}"), reason)
+        })?;
+        recipe.validate().map_err(|error| match error {
+            Error::Request(reason) => Error::invalid(&place, reason),
+            other => other,
+        })?;
+        Ok(recipe)
+    }
+
+    /// The same recipe with another root grid, for convergence tests.
+    ///
+    /// # Errors
+    /// A root grid that cannot be written.
+    pub fn with_root(mut self, root: [u64; 3]) -> Result<Self> {
+        self.domain.root = root;
+        self.validate()?;
+        Ok(self)
+    }
+
+    /// The simulated box.
+    ///
+    /// # Errors
+    /// Edges or root grids that [`Domain::new`] refuses.
+    pub fn space(&self) -> Result<Domain> {
+        Domain::new(self.domain.left, self.domain.right, self.domain.root)
+    }
+
+    /// The levels of the recipe.
+    ///
+    /// # Errors
+    /// Refinement that [`Levels::from_factors`] refuses.
+    pub fn levels(&self) -> Result<Levels> {
+        Levels::from_factors(&vec![self.refinement.factor; self.refinement.max_level as usize])
+    }
+
+    /// Whether the text hierarchy is too short for the recipe's depth.
+    pub(super) fn needs_hdf5_hierarchy(&self) -> Result<bool> {
+        Ok(self.levels()?.deepest() > TEXT_EDGE_LEVELS)
+    }
+
+    fn validate(&self) -> Result<()> {
+        let refuse = |reason: String| Err(Error::request(reason));
+        let plain = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        if self.name.is_empty() || self.name.len() > 64 || !self.name.chars().all(plain) {
+            return refuse(format!("name: `{}` must be letters and digits", self.name));
+        }
+        if self.density.is_empty() {
+            return refuse("density: at least one [[density]] component is needed".to_owned());
+        }
+        self.space()?;
+        self.validate_refinement()?;
+        self.validate_tiles()?;
+        self.validate_output()?;
+        self.density.iter().try_for_each(Component::validate)
+    }
+
+    fn validate_refinement(&self) -> Result<()> {
+        let refinement = &self.refinement;
+        if refinement.max_level > crate::space::MAX_OCTREE_LEVEL {
+            let limit = crate::space::MAX_OCTREE_LEVEL;
+            return Err(Error::request(format!("refinement.max_level: at most {limit}")));
+        }
+        if self.needs_hdf5_hierarchy()? && self.output.hierarchy_hdf5 == Some(false) {
+            return Err(Error::request(format!(
+                "output.hierarchy_hdf5: needed for more than {TEXT_EDGE_LEVELS} factor-2 levels, \
+                 as the text's 14 digits no longer tell where a grid lies"
+            )));
+        }
+        for centre in &refinement.centre {
+            if centre.half_size.iter().any(|&n| n == 0 || n > 64) {
+                return Err(Error::request("refinement.centre.half_size: 1 to 64 cells"));
+            }
+            if centre.depth.is_some_and(|depth| depth > refinement.max_level) {
+                return Err(Error::request(format!(
+                    "refinement.centre.depth: more than refinement.max_level, {}",
+                    refinement.max_level
+                )));
+            }
+        }
+        match &refinement.threshold {
+            Some(t) if t.block[0] < 2 || t.block[1] < t.block[0] || t.block[1] > 64 => {
+                Err(Error::request("refinement.threshold.block: [smallest, largest], 2 to 64"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn validate_tiles(&self) -> Result<()> {
+        let (root, tiles) = (self.domain.root, self.domain.tiles);
+        if (0..3).any(|a| tiles[a] == 0 || tiles[a] > root[a]) {
+            return Err(Error::request(format!(
+                "domain.tiles: {tiles:?} must be 1 up to the root grid's cells {root:?}"
+            )));
+        }
+        let cells: u128 = (0..3).map(|a| u128::from(root[a].div_ceil(tiles[a]))).product();
+        if cells > MAX_GRID_CELLS {
+            return Err(Error::request(format!(
+                "domain.tiles: a root grid of {cells} cells is more than {MAX_GRID_CELLS}: cut \
+                 it into more tiles"
+            )));
+        }
+        Ok(())
+    }
+
+    fn validate_output(&self) -> Result<()> {
+        let output = &self.output;
+        if !(output.file_mib > 0.0 && output.file_mib <= 256.0) {
+            return Err(Error::request("output.file_mib: more than 0, at most 256"));
+        }
+        if !output.fields.iter().any(|name| name == "Density") {
+            return Err(Error::request("output.fields: `Density` must be among them"));
+        }
+        for (i, name) in output.fields.iter().enumerate() {
+            if !FIELD_NAMES.contains(&name.as_str()) || output.fields[..i].contains(name) {
+                return Err(Error::request(format!(
+                    "output.fields: `{name}` is unknown or there twice; fields: {}",
+                    FIELD_NAMES.join(", ")
+                )));
+            }
+        }
+        Ok(())
+    }
+}
