@@ -1,6 +1,8 @@
 //! The Enzo reader on real runs: grids and cells per level, and sample points, as independent
 //! readers found them (`yt_facts.json`).
 
+#![allow(clippy::unwrap_used)] // a test's way to fail
+
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 

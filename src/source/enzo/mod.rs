@@ -1,9 +1,13 @@
 //! Enzo, packed AMR: a parameter file, a hierarchy (text, HDF5 or both) and HDF5 data files.
 
+#[cfg(test)]
+mod damage;
 mod fields;
 mod files;
 mod lattice;
 mod listing;
+#[cfg(test)]
+mod made;
 mod parameters;
 mod tables;
 #[cfg(test)]

@@ -284,7 +284,7 @@ fn read_in_parts<T>(
     start: &[u64],
     count: &[u64],
     out: &mut [T],
-    read: &mut dyn FnMut(&[u64], &[u64], &mut [T]) -> Result<()>,
+    read: &mut impl FnMut(&[u64], &[u64], &mut [T]) -> Result<()>,
 ) -> Result<()> {
     if out.is_empty() {
         return Ok(());

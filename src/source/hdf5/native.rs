@@ -23,13 +23,13 @@ impl Backend for Native {
     fn open(path: &Path) -> Result<Self, String> {
         // Reasons come back as errors; the library would print them as well.
         hdf5::silence_errors(true);
-        Ok(Self { file: hdf5::File::open(path).map_err(reason)? })
+        Ok(Self { file: hdf5::File::open(path).map_err(|e| reason(&e))? })
     }
 
     fn members(&self, group: &str) -> Result<Members, String> {
         let group = self.group(group)?;
         let mut members = Members::default();
-        for name in group.member_names().map_err(reason)? {
+        for name in group.member_names().map_err(|e| reason(&e))? {
             match group.loc_type_by_name(&name) {
                 Ok(LocationType::Group) => members.groups.push(name),
                 Ok(LocationType::Dataset) => members.datasets.push(name),
@@ -43,8 +43,8 @@ impl Backend for Native {
     fn attributes(&self, group: &str) -> Result<BTreeMap<String, Values>, String> {
         let group = self.group(group)?;
         let mut attributes = BTreeMap::new();
-        for name in group.attr_names().map_err(reason)? {
-            let attribute = group.attr(&name).map_err(reason)?;
+        for name in group.attr_names().map_err(|e| reason(&e))? {
+            let attribute = group.attr(&name).map_err(|e| reason(&e))?;
             let values = match element(&attribute) {
                 Element::Float => attribute.read_raw().ok().map(Values::Floats),
                 Element::Integer => attribute.read_raw().ok().map(Values::Integers),
@@ -57,13 +57,13 @@ impl Backend for Native {
     }
 
     fn dataset(&self, path: &str) -> Result<Dataset, String> {
-        let dataset = self.file.dataset(path).map_err(reason)?;
+        let dataset = self.file.dataset(path).map_err(|e| reason(&e))?;
         let shape = dataset.shape().iter().map(|&n| n as u64).collect();
         Ok(Dataset { shape, element: element(&dataset) })
     }
 
     fn strings(&self, path: &str) -> Result<Vec<String>, String> {
-        strings(&*self.file.dataset(path).map_err(reason)?)
+        strings(&*self.file.dataset(path).map_err(|e| reason(&e))?)
     }
 
     fn read_f64(
@@ -73,7 +73,7 @@ impl Backend for Native {
         count: &[u64],
         out: &mut [f64],
     ) -> Result<(), String> {
-        let dataset = self.file.dataset(path).map_err(reason)?;
+        let dataset = self.file.dataset(path).map_err(|e| reason(&e))?;
         match element(&dataset) {
             Element::Float | Element::Integer => read(&dataset, start, count, out),
             _ => Err("its elements are not numbers of a supported kind".into()),
@@ -87,7 +87,7 @@ impl Backend for Native {
         count: &[u64],
         out: &mut [i64],
     ) -> Result<(), String> {
-        let dataset = self.file.dataset(path).map_err(reason)?;
+        let dataset = self.file.dataset(path).map_err(|e| reason(&e))?;
         match element(&dataset) {
             Element::Integer => read(&dataset, start, count, out),
             _ => Err("its elements are not integers".into()),
@@ -97,7 +97,7 @@ impl Backend for Native {
 
 impl Native {
     fn group(&self, path: &str) -> Result<Group, String> {
-        self.file.group(path).map_err(reason)
+        self.file.group(path).map_err(|e| reason(&e))
     }
 }
 
@@ -122,7 +122,7 @@ fn read<T: H5Type + Copy>(
     } else {
         dataset.read_slice(Hyperslab::from(slices))
     };
-    let values = values.map_err(reason)?;
+    let values = values.map_err(|e| reason(&e))?;
     if values.len() != out.len() {
         return Err(format!("{} values were read, {} expected", values.len(), out.len()));
     }
@@ -147,7 +147,8 @@ fn element(object: &Container) -> Element {
 }
 
 fn strings(object: &Container) -> Result<Vec<String>, String> {
-    let datatype = object.dtype().and_then(|datatype| datatype.to_descriptor()).map_err(reason)?;
+    let datatype =
+        object.dtype().and_then(|datatype| datatype.to_descriptor()).map_err(|e| reason(&e))?;
     match datatype {
         TypeDescriptor::FixedAscii(n) | TypeDescriptor::FixedUnicode(n) if n > LONGEST_STRING => {
             Err(format!("its strings are longer than {LONGEST_STRING} bytes"))
@@ -169,10 +170,10 @@ fn texts<T: H5Type>(
     object: &Container,
     as_str: impl Fn(&T) -> &str,
 ) -> Result<Vec<String>, String> {
-    let raw: Vec<T> = object.read_raw().map_err(reason)?;
+    let raw: Vec<T> = object.read_raw().map_err(|e| reason(&e))?;
     Ok(raw.iter().map(|text| super::unpadded(as_str(text))).collect())
 }
 
-fn reason(error: hdf5::Error) -> String {
+fn reason(error: &hdf5::Error) -> String {
     error.to_string()
 }

@@ -22,11 +22,11 @@ trait Number: H5Type {
 }
 
 macro_rules! number {
-    ($($type:ident $element:ident $to_i64:expr;)*) => {$(
+    ($($type:ident $element:ident $to_f64:expr, $to_i64:expr;)*) => {$(
         impl Number for $type {
             const ELEMENT: Element = Element::$element;
             fn to_f64(self) -> f64 {
-                self as f64
+                $to_f64(self)
             }
             fn to_i64(self) -> i64 {
                 $to_i64(self)
@@ -36,16 +36,16 @@ macro_rules! number {
 }
 
 number! {
-    f32 Float |v| v as i64;
-    f64 Float |v| v as i64;
-    i8 Integer i64::from;
-    u8 Integer i64::from;
-    i16 Integer i64::from;
-    u16 Integer i64::from;
-    i32 Integer i64::from;
-    u32 Integer i64::from;
-    i64 Integer i64::from;
-    u64 Integer |v| i64::try_from(v).unwrap_or(i64::MAX);
+    f32 Float f64::from, |v| v as i64;
+    f64 Float f64::from, |v| v as i64;
+    i8 Integer f64::from, i64::from;
+    u8 Integer f64::from, i64::from;
+    i16 Integer f64::from, i64::from;
+    u16 Integer f64::from, i64::from;
+    i32 Integer f64::from, i64::from;
+    u32 Integer f64::from, i64::from;
+    i64 Integer |v| v as f64, i64::from;
+    u64 Integer |v| v as f64, |v| i64::try_from(v).unwrap_or(i64::MAX);
 }
 
 /// Evaluates the first expression with `$type` standing for the [`Number`] that the datatype is,
@@ -83,18 +83,18 @@ impl Backend for Pure {
             .with_max_chunk_bytes(CHUNK_BYTES)
             .with_max_read_bytes(READ_VALUES.max(LIST_VALUES) * size_of::<f64>())
             .with_max_object_header_bytes(HEADER_BYTES);
-        Ok(Self { file: Hdf5File::open_with_options(path, options).map_err(reason)? })
+        Ok(Self { file: Hdf5File::open_with_options(path, options).map_err(|e| reason(&e))? })
     }
 
     fn members(&self, group: &str) -> Result<Members, String> {
-        let group = self.file.group(group).map_err(reason)?;
-        let (groups, datasets) = group.member_names().map_err(reason)?;
+        let group = self.file.group(group).map_err(|e| reason(&e))?;
+        let (groups, datasets) = group.member_names().map_err(|e| reason(&e))?;
         Ok(Members { groups, datasets })
     }
 
     fn attributes(&self, group: &str) -> Result<BTreeMap<String, Values>, String> {
-        let group = self.file.group(group).map_err(reason)?;
-        let attributes = group.attributes().map_err(reason)?;
+        let group = self.file.group(group).map_err(|e| reason(&e))?;
+        let attributes = group.attributes().map_err(|e| reason(&e))?;
         Ok(attributes
             .iter()
             .filter_map(|attribute| Some((attribute.name.clone(), attribute_values(attribute)?)))
@@ -102,12 +102,17 @@ impl Backend for Pure {
     }
 
     fn dataset(&self, path: &str) -> Result<Dataset, String> {
-        let dataset = self.file.dataset(path).map_err(reason)?;
+        let dataset = self.file.dataset(path).map_err(|e| reason(&e))?;
         Ok(Dataset { shape: dataset.shape().to_vec(), element: element(dataset.dtype()) })
     }
 
     fn strings(&self, path: &str) -> Result<Vec<String>, String> {
-        let strings = self.file.dataset(path).map_err(reason)?.read_strings().map_err(reason)?;
+        let strings = self
+            .file
+            .dataset(path)
+            .map_err(|e| reason(&e))?
+            .read_strings()
+            .map_err(|e| reason(&e))?;
         Ok(strings.iter().map(|text| super::unpadded(text)).collect())
     }
 
@@ -152,7 +157,7 @@ impl Block {
             .zip(count)
             .map(|(&start, &count)| SliceInfoElem::Slice { start, end: start + count, step: 1 })
             .collect();
-        let dataset = file.dataset(path).map_err(reason)?;
+        let dataset = file.dataset(path).map_err(|e| reason(&e))?;
         Ok(Self { dataset, selection: SliceInfo { selections } })
     }
 
@@ -162,7 +167,7 @@ impl Block {
         } else {
             self.dataset.read_slice::<T>(&self.selection)
         };
-        let values = values.map_err(reason)?;
+        let values = values.map_err(|e| reason(&e))?;
         if values.len() != out.len() {
             return Err(format!("{} values were read, {} expected", values.len(), out.len()));
         }
@@ -193,7 +198,7 @@ fn attribute_values(attribute: &Attribute) -> Option<Values> {
     })
 }
 
-fn reason(error: hdf5_reader::error::Error) -> String {
+fn reason(error: &hdf5_reader::error::Error) -> String {
     let text = error.to_string();
     if text.contains("unsupported") {
         return format!("{text} (a build with `--features libhdf5` may read it)");

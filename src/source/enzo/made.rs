@@ -1,0 +1,154 @@
+//! Small dumps, made up for tests.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use hdf5_pure::{AttrValue, FileBuilder};
+
+use crate::Result;
+use crate::source::{GridBlock, GridRecord};
+
+/// A grid of a made-up dump. Its data are its number plus the cell's place in the grid.
+#[derive(Clone)]
+pub(super) struct Made {
+    pub(super) level: u32,
+    pub(super) left: [f64; 3],
+    pub(super) right: [f64; 3],
+    pub(super) size: [u32; 3],
+}
+
+/// A dump in the making: root 4 × 6 × 8 in [−1, 1] × [0, 3] × [0, 2], cells 0.5, 0.5, 0.25, and
+/// a grid two levels below it.
+pub(super) struct MadeDump {
+    pub(super) folder: tempfile::TempDir,
+    pub(super) parameters: String,
+    pub(super) grids: Vec<Made>,
+}
+
+impl MadeDump {
+    pub(super) fn new() -> Self {
+        let parameters = "TopGridRank = 3\nTopGridDimensions = 4 6 8\nRefineBy = 2\n\
+            DomainLeftEdge = -1 0 0\nDomainRightEdge = 1 3 2\nInitialTime = 1.5\n\
+            DataLabel[0] = Density\n#DataCGSConversionFactor[0] = 2\nCoordinate = 0\n";
+        let root =
+            Made { level: 0, left: [-1.0, 0.0, 0.0], right: [1.0, 3.0, 2.0], size: [4, 6, 8] };
+        let fine =
+            Made { level: 1, left: [-0.5, 0.5, 0.25], right: [0.5, 1.0, 0.75], size: [4, 2, 4] };
+        let finest =
+            Made { level: 2, left: [-0.25, 0.5, 0.25], right: [0.25, 0.75, 0.5], size: [4, 2, 4] };
+        Self {
+            folder: tempfile::tempdir().unwrap(),
+            parameters: parameters.into(),
+            grids: vec![root, fine, finest],
+        }
+    }
+
+    pub(super) fn path(&self) -> PathBuf {
+        self.folder.path().join("DD1")
+    }
+
+    pub(super) fn text(&self) -> String {
+        let mut text = String::new();
+        for (id, grid) in (1..).zip(&self.grids) {
+            let list = |v: [f64; 3]| format!("{} {} {}", v[0], v[1], v[2]);
+            let end = grid.size.map(|n| n + 2);
+            writeln!(
+                text,
+                "\nGrid = {id}\nGridRank = 3\nGridStartIndex = 3 3 3\n\
+                 GridEndIndex = {} {} {}\nGridLeftEdge = {}\nGridRightEdge = {}\n\
+                 BaryonFileName = ./run/DD1.cpu0000\n\
+                 Pointer: Grid[{id}]->NextGridThisLevel = {}",
+                end[0],
+                end[1],
+                end[2],
+                list(grid.left),
+                list(grid.right),
+                if id < self.grids.len() { id + 1 } else { 0 }
+            )
+            .unwrap();
+        }
+        text
+    }
+
+    pub(super) fn write_text(&self, text: &str) {
+        std::fs::write(self.path(), &self.parameters).unwrap();
+        std::fs::write(self.path().with_extension("hierarchy"), text).unwrap();
+    }
+
+    pub(super) fn data(&self) -> Vec<u8> {
+        let mut file = FileBuilder::new();
+        for (id, grid) in (1u32..).zip(&self.grids) {
+            let mut group = file.create_group(&format!("Grid{id:08}"));
+            let shape: Vec<u64> = grid.size.iter().rev().map(|&n| u64::from(n)).collect();
+            let cells: u32 = grid.size.iter().product();
+            let values: Vec<f32> = (0..cells).map(|i| (1000 * id + i) as f32).collect();
+            group.create_dataset("Density").with_f32_data(&values).with_shape(&shape);
+            group.create_dataset("Ax").with_f32_data(&values).with_shape(&shape);
+            group.create_dataset("particle_mass").with_f64_data(&[1.0, 2.0]);
+            let face = vec![0.0; (shape[0] * shape[1] * (shape[2] + 1)) as usize];
+            let face_shape = [shape[0], shape[1], shape[2] + 1];
+            group.create_dataset("BxF").with_f64_data(&face).with_shape(&face_shape);
+            file.add_group(group.finish());
+        }
+        file.finish().unwrap()
+    }
+
+    pub(super) fn write_data(&self) {
+        std::fs::write(self.path().with_extension("cpu0000"), self.data()).unwrap();
+    }
+
+    pub(super) fn tables(&self) -> Vec<u8> {
+        let mut file = FileBuilder::new();
+        let levels: Vec<i64> = self.grids.iter().map(|grid| i64::from(grid.level)).collect();
+        file.create_dataset("LevelLookupTable").with_i64_data(&levels);
+        file.set_attr("TotalNumberOfGrids", AttrValue::I64(levels.len() as i64));
+        for level in 0..=self.grids.iter().map(|grid| grid.level).max().unwrap() {
+            let mut group = file.create_group(&format!("Level{level}"));
+            for (id, grid) in (1..).zip(&self.grids).filter(|(_, grid)| grid.level == level) {
+                let mut one = group.create_group(&format!("Grid{id:08}"));
+                one.set_attr("GridRank", AttrValue::I64(3));
+                one.set_attr("BaryonFileName", AttrValue::AsciiString("./run/DD1.cpu0000".into()));
+                let end = grid.size.map(|n| i64::from(n) + 2);
+                one.create_dataset("GridStartIndex").with_i64_data(&[3, 3, 3]);
+                one.create_dataset("GridEndIndex").with_i64_data(&end);
+                one.create_dataset("GridLeftEdge").with_f64_data(&grid.left);
+                one.create_dataset("GridRightEdge").with_f64_data(&grid.right);
+                group.add_group(one.finish());
+            }
+            file.add_group(group.finish());
+        }
+        file.finish().unwrap()
+    }
+
+    pub(super) fn write_tables(&self) {
+        std::fs::write(self.path().with_extension("hierarchy.hdf5"), self.tables()).unwrap();
+    }
+
+    pub(super) fn write(&self) {
+        self.write_text(&self.text());
+        self.write_data();
+    }
+
+    /// Every grid with all its densities.
+    pub(super) fn read(&self) -> Result<Vec<(GridRecord, Vec<f64>)>> {
+        let source = crate::source::open(&self.path(), Some("enzo"))?;
+        let mut grids = Vec::new();
+        source.for_each_grid(&mut |grid| {
+            grids.push((grid, Vec::new()));
+            Ok(())
+        })?;
+        for (grid, values) in &mut grids {
+            let cells = grid.size.iter().try_fold(1u64, |n, &s| n.checked_mul(u64::from(s)));
+            // Whoever reads takes large grids in blocks.
+            let size = if cells.is_some_and(|n| n < 1 << 16) { grid.size } else { [1; 3] };
+            let block = GridBlock { lo: [0; 3], size };
+            values.resize(block.len(), 0.0);
+            source.read(grid, source.hierarchy().density.unwrap_or(0), block, values)?;
+        }
+        Ok(grids)
+    }
+
+    pub(super) fn error(&self) -> String {
+        self.read().unwrap_err().to_string()
+    }
+}
