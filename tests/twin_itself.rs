@@ -25,7 +25,14 @@ absorption = [[0.0, 0.0], [1.0, 1.0]]
 
 /// One ray along +z through (x, y), from outside.
 fn along_z(x: &str, y: &str, interpolation: &str, volume: &str) -> String {
-    scene(&[x, y, "-1.0"], &[x, y, "0.5"], "orthographic\"\nheight = 1e-6 #", interpolation, 1, volume)
+    scene(
+        &[x, y, "-1.0"],
+        &[x, y, "0.5"],
+        "orthographic\"\nheight = 1e-6 #",
+        interpolation,
+        1,
+        volume,
+    )
 }
 
 fn scene(
@@ -126,9 +133,12 @@ fn refined_cells_are_seen_instead_of_what_they_cover() -> Outcome<()> {
     for (factor, levels) in [(2, 1.0), (4, 2.0)] {
         let source = MemorySource::new([0.0; 3], [1.0; 3], [2; 3], &[factor])?;
         let lo = [i128::from(factor); 3];
-        let source = source
-            .grid(0, [0; 3], [2; 3], |i| if i == [1; 3] { 1e30 } else { 0.5 })
-            .grid(1, lo, [factor; 3], |i| if i == [i128::from(factor); 3] { 1.0 } else { 0.25 });
+        let source = source.grid(0, [0; 3], [2; 3], |i| if i == [1; 3] { 1e30 } else { 0.5 }).grid(
+            1,
+            lo,
+            [factor; 3],
+            |i| if i == [i128::from(factor); 3] { 1.0 } else { 0.25 },
+        );
         let pixel = picture(&source, &along_z("0.51", "0.51", "cell", IDENTITY))?[0];
         let fine = 0.5 / f64::from(factor);
         let depth = 0.25 + fine + 0.25 * (0.5 - fine);
@@ -189,9 +199,12 @@ fn a_linear_function_is_interpolated_exactly_within_one_level() -> Outcome<()> {
 fn a_refined_cell_is_blended_into_its_neighbours_by_the_rule() -> Outcome<()> {
     // Along x: root cells 0, 1, 2 hold 0, (1), 4; cell 1 is refined into two halves of 1.
     let source = MemorySource::new([0.0; 3], [3.0, 1.0, 1.0], [3, 1, 1], &[2])?;
-    let source = source
-        .grid(0, [0; 3], [3, 1, 1], |i| [0.0, 7.0, 4.0][i[0] as usize])
-        .grid(1, [2, 0, 0], [2; 3], |_| 1.0);
+    let source = source.grid(0, [0; 3], [3, 1, 1], |i| [0.0, 7.0, 4.0][i[0] as usize]).grid(
+        1,
+        [2, 0, 0],
+        [2; 3],
+        |_| 1.0,
+    );
     let dataset = Dataset::load(&source, "density", Precision::Source)?;
     let transfer = Scene::parse(&along_z("0", "0", "linear", IDENTITY))?.transfer(&dataset)?;
     let interpolant = Interpolant::new(&dataset, &transfer);
@@ -218,7 +231,7 @@ fn the_interpolant_is_continuous_wherever_levels_meet() -> Outcome<()> {
             for n in 0..27 {
                 // Corners, edge and face points of the cell, approached along all diagonals.
                 let place = [1, 3, 9].map(|d| f64::from(n / d % 3) * 0.43);
-                let cells = std::array::from_fn(|a| {
+                let cells: [f64; 3] = std::array::from_fn(|a| {
                     let low = if place[a] == 0.86 { 1.0 } else { place[a] };
                     (index[a] as f64 + low) * (-(level as f64)).exp2()
                 });
@@ -245,7 +258,8 @@ fn the_interpolant_is_continuous_wherever_levels_meet() -> Outcome<()> {
 #[test]
 fn the_line_integral_is_that_of_the_interpolant() -> Outcome<()> {
     let dataset = Dataset::load(&flush_levels()?, "density", Precision::Source)?;
-    let volume = IDENTITY.replace("[[0.0, 0.0], [1.0, 1.0]]", "[[0.3, 0.0], [0.5, 9.0], [0.7, 1.0]]");
+    let volume =
+        IDENTITY.replace("[[0.0, 0.0], [1.0, 1.0]]", "[[0.3, 0.0], [0.5, 9.0], [0.7, 1.0]]");
     let transfer = Scene::parse(&along_z("0", "0", "linear", &volume))?.transfer(&dataset)?;
     let interpolant = Interpolant::new(&dataset, &transfer);
     for (y, slope) in [(1.3, 0.11), (1.9, 0.02), (2.2, -0.13)] {
@@ -284,13 +298,18 @@ fn far_and_near_eyes_see_the_same_at_level_forty_eight() -> Outcome<()> {
     let target = dataset.point(48, index, [0.4; 3]).each_ref().map(shown);
     let eye = |distance: &str| -> Outcome<[String; 3]> {
         let away = exact::from_decimal(distance)?;
-        Ok([target[0].clone(), target[1].clone(), shown(&(exact::from_decimal(&target[2])? - away))])
+        Ok([
+            target[0].clone(),
+            target[1].clone(),
+            shown(&(exact::from_decimal(&target[2])? - away)),
+        ])
     };
     let volume = IDENTITY.replace("[[0.0, 0.0], [1.0, 1.0]]", "[[0.0, 0.0], [1.0, 1e13]]");
     let mut pictures = Vec::new();
     for distance in ["1", "1e-13"] {
         let eye = eye(distance)?;
-        let (eye, target) = (eye.each_ref().map(String::as_str), target.each_ref().map(String::as_str));
+        let (eye, target) =
+            (eye.each_ref().map(String::as_str), target.each_ref().map(String::as_str));
         let camera = "orthographic\"\nheight = 2.8e-14 #";
         let scene = scene(&eye, &target, camera, "cell", 24, &volume);
         let scene = Scene::parse(&scene.replace("scale = \"linear\"", "scale = \"linear\""))?;

@@ -58,8 +58,7 @@ impl Camera {
         let q = DoubleDouble::ONE - two * fraction(row) / height;
         let across = p * self.half_height * width / height;
         let upward = q * self.half_height;
-        let offset: Vector =
-            std::array::from_fn(|a| self.right[a] * across + self.up[a] * upward);
+        let offset: Vector = std::array::from_fn(|a| self.right[a] * across + self.up[a] * upward);
         let in_root_cells =
             |v: Vector| -> Vector { std::array::from_fn(|a| v[a] / self.root_cell_width[a]) };
         Ok(match self.projection {

@@ -101,7 +101,8 @@ impl Dataset {
         if self.tables[0].len() as i64 != cells {
             return Err(format!("{} of {cells} root cells hold data", self.tables[0].len()));
         }
-        for value in self.tables.iter().flat_map(|t| t.values()).filter(|c| !c.refined).map(|c| c.value)
+        for value in
+            self.tables.iter().flat_map(|t| t.values()).filter(|c| !c.refined).map(|c| c.value)
         {
             self.minimum = self.minimum.min(value);
             self.maximum = self.maximum.max(value);
@@ -137,10 +138,14 @@ impl Dataset {
         std::array::from_fn(|a| exact::to_double_double(&self.cell_width[a]))
     }
 
-    /// A position in code length as distances from the left edge in root cells.
+    /// A position in code length as distances from the left edge in root cells, floored to
+    /// 2⁻⁹⁶: what lies just below a face stays below.
     pub(crate) fn in_root_cells(&self, position: &[Rational; 3]) -> [DoubleDouble; 3] {
+        let unit = Rational::from(BigInt::one() << 96);
         std::array::from_fn(|a| {
-            exact::to_double_double(&((&position[a] - &self.left[a]) / &self.cell_width[a]))
+            let cells: Rational = (&position[a] - &self.left[a]) / &self.cell_width[a];
+            let units = (cells * &unit).floor();
+            exact::to_double_double(&(units / &unit))
         })
     }
 
@@ -190,7 +195,12 @@ fn read_leaves(source: &dyn Source, field: usize) -> Result<Vec<CellTable>> {
     if tables.is_empty() { Err("no grid".into()) } else { Ok(tables) }
 }
 
-fn read_grid(source: &dyn Source, field: usize, grid: &GridRecord, table: &mut CellTable) -> Result<()> {
+fn read_grid(
+    source: &dyn Source,
+    field: usize,
+    grid: &GridRecord,
+    table: &mut CellTable,
+) -> Result<()> {
     let block = GridBlock { lo: [0; 3], size: grid.size };
     let mut values = vec![0.0; block.len()];
     source.read(grid, field, block, &mut values).map_err(|error| error.to_string())?;

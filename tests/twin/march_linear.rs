@@ -89,7 +89,11 @@ impl Layer {
 
 /// The interpolant along a segment that lies in one octant: pieces in order, each with its
 /// length (code length) and the scaled value as a polynomial.
-fn values_along(interpolant: &Interpolant<'_>, ray: &Ray, half: &Segment) -> Vec<(f64, Polynomial)> {
+fn values_along(
+    interpolant: &Interpolant<'_>,
+    ray: &Ray,
+    half: &Segment,
+) -> Vec<(f64, Polynomial)> {
     let middle = (half.enter + half.leave).scaled(-1);
     let octants = interpolant.octants(half.level, ray.at(middle, 0));
     let layers: Vec<Layer> = octants

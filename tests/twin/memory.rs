@@ -45,7 +45,9 @@ impl MemorySource {
         let mut values = Vec::new();
         for k in 0..i128::from(size[2]) {
             for j in 0..i128::from(size[1]) {
-                values.extend((0..i128::from(size[0])).map(|i| value([lo[0] + i, lo[1] + j, lo[2] + k])));
+                values.extend(
+                    (0..i128::from(size[0])).map(|i| value([lo[0] + i, lo[1] + j, lo[2] + k])),
+                );
             }
         }
         self.grids.push((record, values));

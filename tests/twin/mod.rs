@@ -9,6 +9,7 @@
 #![allow(dead_code)]
 
 pub(crate) mod camera;
+pub(crate) mod cameras;
 pub(crate) mod dataset;
 pub(crate) mod double_double;
 pub(crate) mod exact;

@@ -31,9 +31,7 @@ impl Segment {
 impl Ray {
     /// The point at `t`, in cells of `level`.
     pub(crate) fn at(&self, t: DoubleDouble, level: usize) -> [DoubleDouble; 3] {
-        std::array::from_fn(|a| {
-            (self.origin[a] + self.direction[a] * t).scaled(level as i32)
-        })
+        std::array::from_fn(|a| (self.origin[a] + self.direction[a] * t).scaled(level as i32))
     }
 
     /// Where the ray crosses the plane at `cells` cells of `level` along `axis`.
@@ -43,8 +41,7 @@ impl Ray {
 
     /// The part of the ray inside the domain; faces on the upper side lie outside.
     fn inside(&self, root_cells: [i64; 3]) -> Option<(DoubleDouble, DoubleDouble)> {
-        let mut enter =
-            DoubleDouble::from(if self.forward_only { 0.0 } else { f64::NEG_INFINITY });
+        let mut enter = DoubleDouble::from(if self.forward_only { 0.0 } else { f64::NEG_INFINITY });
         let mut leave = DoubleDouble::from(f64::INFINITY);
         for a in 0..3 {
             let upper = DoubleDouble::from_index(root_cells[a]);
