@@ -312,7 +312,7 @@ fn far_and_near_eyes_see_the_same_at_level_forty_eight() -> Outcome<()> {
             (eye.each_ref().map(String::as_str), target.each_ref().map(String::as_str));
         let camera = "orthographic\"\nheight = 2.8e-14 #";
         let scene = scene(&eye, &target, camera, "cell", 24, &volume);
-        let scene = Scene::parse(&scene.replace("scale = \"linear\"", "scale = \"linear\""))?;
+        let scene = Scene::parse(&scene)?;
         pictures.push(Picture::render(&scene, &dataset)?);
     }
     let difference = pictures[0].difference(&pictures[1])?;

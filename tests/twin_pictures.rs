@@ -68,17 +68,16 @@ impl Subject {
         Ok((truth, Picture { width, height, pixels }))
     }
 
-    /// Compares both pictures of a view; an empty picture compares nothing and is told.
-    fn compare(&self, view: &View, limit: Limit) -> twin::Result<()> {
+    /// Compares both pictures of a view and says whether there was something to compare.
+    fn compare(&self, view: &View, limit: Limit) -> twin::Result<bool> {
         let (truth, picture) = self.pictures(view)?;
         if truth.largest() == 0.0 {
             let empty = picture.pixels.iter().flatten().all(|value| *value == 0.0);
             assert!(empty, "{}: something where nothing is\n{}", self.name, view.scene());
-            return Ok(());
+            return Ok(false);
         }
-        let difference = picture.difference(&truth)?;
-        self.report(view, difference, limit);
-        Ok(())
+        self.report(view, picture.difference(&truth)?, limit);
+        Ok(truth.is_varied())
     }
 
     fn report(&self, view: &View, difference: Difference, limit: Limit) {
@@ -86,16 +85,20 @@ impl Subject {
         assert!(within, "{}: {difference:?}\n{}", self.name, view.scene());
     }
 
-    /// Random views of both kinds, and the special ones.
+    /// Random views, and the special ones.
     fn try_views(&self, seed: u64, count: usize, pixels: usize, linear: bool) -> twin::Result<()> {
         let mut random = Random::new(seed);
         let limit = if linear { LINEAR } else { CELL };
-        for _ in 0..count {
-            let view = cameras::random_view(&self.dataset, &mut random, pixels, linear);
-            self.compare(&view, limit)?;
+        let mut views: Vec<View> = (0..count)
+            .map(|_| cameras::random_view(&self.dataset, &mut random, pixels, linear))
+            .collect();
+        views.extend(cameras::special_views(&self.dataset, &mut random, pixels, linear));
+        let mut varied = 0;
+        for view in &views {
+            varied += usize::from(self.compare(view, limit)?);
         }
-        let special = cameras::special_views(&self.dataset, &mut random, linear);
-        special.iter().try_for_each(|view| self.compare(view, limit))
+        assert!(2 * varied >= views.len(), "{}: {varied} of {} show much", self.name, views.len());
+        Ok(())
     }
 
     /// From distance 1: as exact as any, and no pixel repeated where the twin's differ.
@@ -142,12 +145,12 @@ fn every_subject(mut work: impl FnMut(&Subject) -> twin::Result<()>) -> twin::Re
 
 #[test]
 fn cell_pictures_are_exact() -> twin::Result<()> {
-    every_subject(|subject| subject.try_views(1, 4, 24, false))
+    every_subject(|subject| subject.try_views(1, 4, 16, false))
 }
 
 #[test]
 fn linear_pictures_are_exact() -> twin::Result<()> {
-    every_subject(|subject| subject.try_views(2, 2, 8, true))
+    every_subject(|subject| subject.try_views(2, 2, 5, true))
 }
 
 #[test]
@@ -167,5 +170,5 @@ fn many_cell_pictures_are_exact() -> twin::Result<()> {
 #[test]
 #[ignore = "many minutes: many cameras"]
 fn many_linear_pictures_are_exact() -> twin::Result<()> {
-    every_subject(|subject| subject.try_views(4, 20, 24, true))
+    every_subject(|subject| subject.try_views(4, 20, 17, true))
 }

@@ -95,17 +95,17 @@ pub(crate) fn domain_size(dataset: &Dataset) -> f64 {
     edges.fold(0.0, f64::max)
 }
 
-/// A point inside a leaf cell of a random level, and the cell's largest width.
-fn random_target(dataset: &Dataset, random: &mut Random) -> ([Rational; 3], f64) {
+/// A point inside a leaf cell of a random level, the cell's largest width and its value.
+fn random_target(dataset: &Dataset, random: &mut Random) -> ([Rational; 3], f64, f64) {
     loop {
         let level = random.pick(dataset.deepest() + 1);
         let leaves = dataset.leaves(level);
         if leaves.is_empty() {
             continue;
         }
-        let (index, _) = leaves[random.pick(leaves.len())];
+        let (index, value) = leaves[random.pick(leaves.len())];
         let offset = [0; 3].map(|_| random.between(0.05, 0.95));
-        return (dataset.point(level, index, offset), cell_width(dataset, level));
+        return (dataset.point(level, index, offset), cell_width(dataset, level), value);
     }
 }
 
@@ -121,7 +121,7 @@ pub(crate) fn random_view(
     pixels: usize,
     linear: bool,
 ) -> View {
-    let (target, width) = random_target(dataset, random);
+    let (target, width, value) = random_target(dataset, random);
     let outside = random.pick(3) == 0;
     let distance = if outside {
         domain_size(dataset) * random.between(1.2, 2.5)
@@ -138,29 +138,40 @@ pub(crate) fn random_view(
         perspective: random.pick(2) == 0,
         pixels,
         linear,
-        volume: random_volume(dataset, random, height),
+        volume: random_volume(
+            random,
+            if outside { typical_value(dataset, height) } else { value },
+            height,
+        ),
     }
 }
 
-/// Smooth or sharp, thin or opaque over `length`, with or without an emission of its own.
-pub(crate) fn random_volume(dataset: &Dataset, random: &mut Random, length: f64) -> String {
-    let log = random.pick(3) != 0;
-    let (low, high) = range(dataset, log);
-    let most = random.between(-1.0, 2.0);
-    let extinction = 10_f64.powf(most) / length;
+/// The median value of the leaf cells of the level of which some 20 span `height`, or of the
+/// nearest level that has leaf cells.
+fn typical_value(dataset: &Dataset, height: f64) -> f64 {
+    let mut levels: Vec<usize> = (0..=dataset.deepest()).collect();
+    let apart = |level: &usize| (20.0 * cell_width(dataset, *level) / height).log2().abs();
+    levels.sort_by(|a, b| apart(a).total_cmp(&apart(b)));
+    let leaves = levels.into_iter().map(|level| dataset.leaves(level)).find(|l| !l.is_empty());
+    let mut values: Vec<f64> = leaves.iter().flatten().map(|(_, value)| *value).collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(1.0)
+}
+
+/// Smooth or sharp, thin or opaque over `length`, with or without an emission of its own; made
+/// for values about `value`: what is far less can be seen through.
+fn random_volume(random: &mut Random, value: f64, length: f64) -> String {
+    let extinction = 10_f64.powf(random.between(-0.5, 1.7)) / length;
     let table = if random.pick(2) == 0 {
-        format!("[[0.0, 0.0], [0.1, {:e}], [1.0, {extinction:e}]]", 0.03 * extinction)
+        format!("[[0.05, 0.0], [0.4, {:e}], [1.0, {extinction:e}]]", 0.1 * extinction)
     } else {
         sharp_table(random, extinction)
     };
-    let mut volume = format!(
-        "scale = \"{}\"\nrange = [{low:e}, {high:e}]\nabsorption = {table}\n\
-         color = [[0.0, 0.05, 0.1, 0.6], [0.35, 0.9, 0.3, 0.1], [1.0, 1.0, 0.9, 0.7]]\n",
-        if log { "log10" } else { "linear" },
-    );
+    let mut volume = range(random.pick(3) != 0, value);
+    volume += &format!("absorption = {table}\n");
     if random.pick(2) == 0 {
         let (dim, bright) = (0.2 / length, 3.0 / length);
-        volume += &format!("emission = [[0.0, {dim:e}], [0.5, 0.0], [1.0, {bright:e}]]\n");
+        volume += &format!("emission = [[0.05, 0.0], [0.5, {dim:e}], [1.0, {bright:e}]]\n");
     }
     volume
 }
@@ -176,23 +187,31 @@ fn sharp_table(random: &mut Random, extinction: f64) -> String {
     format!("[{}]", shells.join(", "))
 }
 
-/// Field values that map to 0 and 1; some values lie outside.
-fn range(dataset: &Dataset, log: bool) -> (f64, f64) {
-    let (low, high) = (dataset.minimum, dataset.maximum);
-    if log {
-        let low = dataset.smallest_positive.log10();
-        let span = high.log10() - low;
-        return (10_f64.powf(low + 0.02 * span), 10_f64.powf(low + 0.95 * span));
-    }
-    (low + 0.01 * (high - low), low + 0.9 * (high - low))
+/// Scale, range and colours for values about `value`.
+fn range(log: bool, value: f64) -> String {
+    let (scale, low, high) = if log && value > 0.0 {
+        ("log10", 0.1 * value, 20.0 * value)
+    } else {
+        ("linear", value - 0.8 * value.abs(), value + 3.0 * value.abs() + f64::MIN_POSITIVE)
+    };
+    format!(
+        "scale = \"{scale}\"\nrange = [{low:e}, {high:e}]\n\
+         color = [[0.0, 0.05, 0.1, 0.6], [0.35, 0.9, 0.3, 0.1], [1.0, 1.0, 0.9, 0.7]]\n"
+    )
 }
 
 /// Cameras whose rays run exactly along axes, in faces, along cell edges, and eyes on the
 /// domain's edges. Pictures are odd in size, so that the middle ray is the axis itself.
-pub(crate) fn special_views(dataset: &Dataset, random: &mut Random, linear: bool) -> Vec<View> {
+pub(crate) fn special_views(
+    dataset: &Dataset,
+    random: &mut Random,
+    pixels: usize,
+    linear: bool,
+) -> Vec<View> {
     let level = dataset.deepest();
     let (_, densest) = dataset.densest();
     let size = domain_size(dataset);
+    let typical = |height| typical_value(dataset, height);
     let corner = dataset.point(level, densest, [0.0; 3]);
     let width = cell_width(dataset, level);
     let domain_corner = dataset.point(0, [0; 3], [0.0; 3]);
@@ -206,9 +225,9 @@ pub(crate) fn special_views(dataset: &Dataset, random: &mut Random, linear: bool
         height: 12.0 * width,
         distance: 16.0 * width,
         perspective: true,
-        pixels: 17,
+        pixels: pixels | 1,
         linear,
-        volume: random_volume(dataset, random, 12.0 * width),
+        volume: random_volume(random, typical(12.0 * width), 12.0 * width),
     };
     let mut views = Vec::new();
     for (direction, perspective) in
@@ -221,7 +240,7 @@ pub(crate) fn special_views(dataset: &Dataset, random: &mut Random, linear: bool
     let target = away(&corner, [1.0, 1.0, -1.0], width);
     views.push(View { target, distance: 1.7 * width, height: width, ..base.clone() });
     for edge in [domain_corner, upper_corner] {
-        let volume = random_volume(dataset, random, size);
+        let volume = random_volume(random, typical(size), size);
         let (eye, target, distance, height) = (edge, centre.clone(), size, 0.7 * size);
         views.push(View { eye, target, distance, height, volume, ..base.clone() });
     }
@@ -232,7 +251,6 @@ pub(crate) fn special_views(dataset: &Dataset, random: &mut Random, linear: bool
 pub(crate) fn telescope(dataset: &Dataset, height: f64, perspective: bool) -> View {
     let (level, densest) = dataset.densest();
     let target = dataset.point(level, densest, [0.3, 0.6, 0.45]);
-    let (low, high) = range(dataset, true);
     View {
         eye: away(&target, [0.48, 0.36, -0.8], 1.0),
         target,
@@ -240,13 +258,12 @@ pub(crate) fn telescope(dataset: &Dataset, height: f64, perspective: bool) -> Vi
         height,
         distance: 1.0,
         perspective,
-        pixels: 48,
+        pixels: 20,
         linear: false,
         volume: format!(
-            "scale = \"log10\"\nrange = [{low:e}, {high:e}]\n\
-             color = [[0.0, 0.2, 0.4, 1.0], [0.7, 1.0, 0.5, 0.1], [1.0, 1.0, 1.0, 1.0]]\n\
-             absorption = [[0.0, 0.0], [1.0, {:e}]]\n",
-            1.0 / height
+            "{}absorption = [[0.0, 0.0], [0.05, 0.0], [1.0, {:e}]]\n",
+            range(true, typical_value(dataset, height)),
+            2.0 / height
         ),
     }
 }

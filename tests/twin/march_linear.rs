@@ -44,6 +44,7 @@ pub(crate) fn march(interpolant: &Interpolant<'_>, transfer: &Transfer, ray: &Ra
 }
 
 /// One level's part in a piece of a ray; polynomials over the piece, 0 … 1.
+#[derive(Clone)]
 struct Layer {
     octant: Octant,
     /// Place between the eight centres along each axis.
@@ -82,6 +83,9 @@ impl Layer {
     }
 
     fn restricted(&self, low: f64, high: f64) -> Self {
+        if (low, high) == (0.0, 1.0) {
+            return self.clone();
+        }
         let place = self.place.each_ref().map(|p| p.restricted(low, high));
         Self { octant: self.octant.clone(), place }
     }
@@ -110,7 +114,7 @@ fn values_along(
     let mut cuts = vec![0.0, 1.0];
     for layer in layers.iter().filter(|layer| !layer.octant.missing.is_empty()) {
         for (a, b) in [(0, 1), (0, 2), (1, 2)] {
-            cuts.extend(layer.fade(a).plus(&layer.fade(b).scaled(-1.0)).roots());
+            cuts.extend(layer.fade(a).plus(&layer.fade(b).scaled(-1.0)).crossings(&[0.0]));
         }
     }
     cuts.sort_by(f64::total_cmp);
@@ -138,9 +142,7 @@ fn add_value(
     let per_unit = transfer.map(1.0) - transfer.map(0.0);
     let x = value.scaled(per_unit).plus(&Polynomial::constant(transfer.map(0.0)));
     let mut cuts = vec![0.0, 1.0];
-    for kink in kinks {
-        cuts.extend(x.plus(&Polynomial::constant(-kink)).roots());
-    }
+    cuts.extend(x.crossings(kinks));
     cuts.sort_by(f64::total_cmp);
     for c in cuts.windows(2).filter(|c| c[0] < c[1]) {
         let part = Medium::new(transfer, kinks, &x.restricted(c[0], c[1]), length * (c[1] - c[0]));

@@ -52,6 +52,12 @@ impl Picture {
         self.pixels.iter().flatten().fold(0.0, |largest: f64, value| largest.max(*value))
     }
 
+    /// Whether at least half of the pixels differ from the one before them.
+    pub(crate) fn is_varied(&self) -> bool {
+        let changes = self.pixels.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        2 * changes >= self.pixels.len()
+    }
+
     /// Compares `self` with the reference; a value that is no number counts as infinitely far.
     pub(crate) fn difference(&self, reference: &Self) -> Result<Difference> {
         if (self.width, self.height) != (reference.width, reference.height) {

@@ -56,27 +56,33 @@ impl Polynomial {
         terms.fold(Self(vec![0.0]), |sum, c| sum.times(&inner).plus(&Self::constant(*c)))
     }
 
-    /// Where the polynomial changes its sign inside 0 … 1, ascending: between neighbouring
-    /// extrema (the derivative's roots) there is at most one root, found by bisection.
-    pub(crate) fn roots(&self) -> Vec<f64> {
+    /// Where the polynomial passes through any of `levels` inside 0 … 1, ascending: between
+    /// neighbouring extrema (the derivative's roots) at most once each, found by bisection.
+    pub(crate) fn crossings(&self, levels: &[f64]) -> Vec<f64> {
         if self.0.len() < 2 {
             return Vec::new();
         }
         let mut ends = vec![0.0];
-        ends.extend(self.derivative().roots());
+        ends.extend(self.derivative().crossings(&[0.0]));
         ends.push(1.0);
-        let crosses = |e: &[f64]| (self.at(e[0]) < 0.0) != (self.at(e[1]) < 0.0);
-        ends.windows(2).filter(|e| crosses(e)).map(|e| self.bisect(e[0], e[1])).collect()
+        let mut found = Vec::new();
+        for end in ends.windows(2) {
+            let values = [self.at(end[0]), self.at(end[1])];
+            let passed = levels.iter().filter(|l| (values[0] < **l) != (values[1] < **l));
+            found.extend(passed.map(|level| self.bisect(end[0], end[1], *level)));
+        }
+        found.sort_by(f64::total_cmp);
+        found
     }
 
-    fn bisect(&self, mut low: f64, mut high: f64) -> f64 {
-        let negative = self.at(low) < 0.0;
+    fn bisect(&self, mut low: f64, mut high: f64, level: f64) -> f64 {
+        let below = self.at(low) < level;
         loop {
             let middle = 0.5 * (low + high);
             if middle <= low || middle >= high {
                 return middle;
             }
-            if (self.at(middle) < 0.0) == negative { low = middle } else { high = middle }
+            if (self.at(middle) < level) == below { low = middle } else { high = middle }
         }
     }
 }
