@@ -1,4 +1,81 @@
-//! stub
+//! The program's commands.
+//!
+//! Exit codes: 0 done; 1 a failure, told in one line on stderr; 2 wrong usage.
+
+mod demo;
+mod info;
+mod ingest;
+mod output;
+mod probe;
+mod progress;
+mod render;
+mod size;
+mod synth;
+mod verify;
+
+use std::panic;
 use std::process::ExitCode;
-/// run
-pub fn run() -> ExitCode { ExitCode::SUCCESS }
+
+use clap::{Parser, Subcommand};
+
+use crate::Error;
+
+/// Renders deep adaptive-mesh-refinement simulations within a memory limit.
+#[derive(Debug, Parser)]
+#[command(name = "deepfield", version, about, arg_required_else_help = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Make a 13-level data set, ingest it and render two pictures
+    Demo(demo::Arguments),
+    /// Turn a simulation output into a brick cache
+    Ingest(ingest::Arguments),
+    /// Say what a simulation output or a cache holds
+    Info(info::Arguments),
+    /// Print level and value at points
+    Probe(probe::Arguments),
+    /// Render one picture
+    Render(render::Arguments),
+    /// Read every byte of a cache and check it
+    Verify(verify::Arguments),
+    /// Write a synthetic data set in the layout of a simulation code
+    Synth(synth::Arguments),
+}
+
+/// Runs the program on the process' arguments.
+pub fn run() -> ExitCode {
+    let arguments = Arguments::parse();
+    // A panic is a fault of the program; a user gets one line about it all the same.
+    panic::set_hook(Box::new(|fault| {
+        let place = fault.location().map_or_else(String::new, |l| format!("{}:{}", l.file(), l.line()));
+        eprintln!("error: internal fault at {place}: please report it with the command you ran");
+    }));
+    let outcome = panic::catch_unwind(|| match &arguments.command {
+        Command::Demo(arguments) => demo::run(arguments),
+        Command::Ingest(arguments) => ingest::run(arguments),
+        Command::Info(arguments) => info::run(arguments),
+        Command::Probe(arguments) => probe::run(arguments),
+        Command::Render(arguments) => render::run(arguments),
+        Command::Verify(arguments) => verify::run(arguments),
+        Command::Synth(arguments) => synth::run(arguments),
+    });
+    match outcome {
+        Ok(Ok(())) => ExitCode::SUCCESS,
+        Ok(Err(error)) => report(&error),
+        Err(_) => ExitCode::FAILURE,
+    }
+}
+
+fn report(error: &Error) -> ExitCode {
+    if output::is_closed_pipe(error) {
+        return ExitCode::SUCCESS;
+    }
+    let line = error.to_string();
+    let line: Vec<&str> = line.split_whitespace().collect();
+    eprintln!("error: {}", line.join(" "));
+    ExitCode::FAILURE
+}

@@ -8,7 +8,8 @@ use clap::Args;
 use super::output::Output;
 use super::verify::WINDOWS;
 use crate::cache::Cache;
-use crate::render::{Interpolation, Probe};
+use crate::render::Probe;
+use crate::scene::Interpolation;
 use crate::space::Decimal;
 use crate::{Error, Result};
 

@@ -1,14 +1,15 @@
 //! `deepfield synth`.
 
-use std::path::PathBuf;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use super::output::Output;
 use super::progress::Bar;
 use super::size;
-use crate::Result;
 use crate::synth::{self, Recipe};
+use crate::{Error, Result};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -20,7 +21,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    let recipe = Recipe::load(&arguments.recipe)?;
+    let recipe = load(&arguments.recipe)?;
     let bar = Bar::new("synth", "grids");
     let summary = synth::write(&recipe, &arguments.output, &mut |done, total| {
         bar.show("synth", done, total);
@@ -29,11 +30,25 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut output = Output::new();
     output.line(format!(
         "{}: {} levels, {} grids, {} cells, {}",
-        summary.path.display(),
+        summary.parameter_file.display(),
         summary.levels,
         summary.grids,
         summary.cells,
         size::show(summary.bytes)
     ))?;
     output.finish()
+}
+
+/// Longest recipe: the parser takes many times the text's bytes.
+const MAX_RECIPE_BYTES: u64 = 1 << 20;
+
+fn load(path: &Path) -> Result<Recipe> {
+    let failed = |source| Error::io(path, "cannot read the recipe", source);
+    let mut text = String::new();
+    let file = std::fs::File::open(path).map_err(failed)?;
+    file.take(MAX_RECIPE_BYTES + 1).read_to_string(&mut text).map_err(failed)?;
+    if text.len() as u64 > MAX_RECIPE_BYTES {
+        return Err(Error::invalid(path.display(), "a recipe is at most 1 MiB long"));
+    }
+    Recipe::parse(&text, path.display())
 }

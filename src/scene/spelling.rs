@@ -4,7 +4,7 @@
 const MAX_COMPARED: usize = 64;
 
 /// The word of `known` that takes the fewest edits to reach from `word` (the first of equals).
-pub(super) fn nearest<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
+pub(crate) fn nearest<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
     known.into_iter().min_by_key(|candidate| distance(word, candidate))
 }
 

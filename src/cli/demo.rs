@@ -1,0 +1,139 @@
+//! `deepfield demo`: the newcomer's run, each step a command that could be typed.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Instant;
+
+use clap::Args;
+use serde_json::Value;
+
+use super::output::Output;
+use super::size;
+use crate::cache::{Cache, Header};
+use crate::{Error, Result};
+
+/// The recipe and the scenes, so that the program alone is enough.
+const FILES: [(&str, &str); 3] = [
+    ("demo.toml", include_str!("../../datasets_synthetic/demo.toml")),
+    ("outside.toml", include_str!("../../datasets_synthetic/demo-outside.toml")),
+    ("inside.toml", include_str!("../../datasets_synthetic/demo-inside.toml")),
+];
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// Where everything goes
+    #[arg(default_value = "deepfield-demo")]
+    directory: PathBuf,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let directory = &arguments.directory;
+    std::fs::create_dir_all(directory)
+        .map_err(|source| Error::io(directory, "cannot make the folder", source))?;
+    for (name, text) in FILES {
+        let path = directory.join(name);
+        std::fs::write(&path, text).map_err(|source| Error::io(&path, "cannot write", source))?;
+    }
+    let mut output = Output::new();
+    let mut steps = Steps { directory, rows: Vec::new() };
+    steps.run(&["synth", "demo.toml", "-o", "simulation"])?;
+    let dump = steps.dump()?;
+    steps.run(&["ingest", &dump, "-o", "demo.dfc"])?;
+    for view in ["outside", "inside"] {
+        let (scene, picture) = (format!("{view}.toml"), format!("{view}.png"));
+        let stats = format!("{view}.json");
+        steps.run(&["render", "demo.dfc", &scene, "-o", &picture, "--stats", &stats])?;
+    }
+    for line in steps.rows {
+        output.line(line)?;
+    }
+    let cache = Cache::open(&directory.join("demo.dfc"), 1)?;
+    table(cache.header(), directory, &mut output)?;
+    for view in ["outside.png", "inside.png"] {
+        output.line(format!("picture: {}", directory.join(view).display()))?;
+    }
+    output.finish()
+}
+
+/// Runs this program's own commands in the demo's folder.
+struct Steps<'d> {
+    directory: &'d Path,
+    rows: Vec<String>,
+}
+
+impl Steps<'_> {
+    fn run(&mut self, words: &[&str]) -> Result<()> {
+        let program = std::env::current_exe()
+            .map_err(|source| Error::io("deepfield", "cannot find this program", source))?;
+        let started = Instant::now();
+        let status = Command::new(&program)
+            .args(words)
+            .current_dir(self.directory)
+            .stdout(std::process::Stdio::null())
+            .status()
+            .map_err(|source| Error::io(&program, "cannot start", source))?;
+        let line = format!("deepfield {}", words.join(" "));
+        if !status.success() {
+            return Err(Error::request(format!("`{line}` failed: see above")));
+        }
+        self.rows.push(format!("{:7.2} s  {line}", started.elapsed().as_secs_f64()));
+        Ok(())
+    }
+
+    /// The parameter file of what was synthesised, relative to the folder.
+    fn dump(&self) -> Result<String> {
+        let recipe = crate::synth::Recipe::parse(FILES[0].1, FILES[0].0)?;
+        Ok(format!("simulation/{0}/{0}", recipe.name))
+    }
+}
+
+fn table(header: &Header, directory: &Path, output: &mut Output) -> Result<()> {
+    let simulated = || header.levels.iter().filter(|level| level.simulation.is_some());
+    let deepest = header.levels.last().map_or(0, |level| level.octree);
+    let fine = f64::from(deepest).exp2();
+    let covering: f64 = header.domain.root_cells().map(|n| n as f64 * fine).iter().product();
+    let cells: u64 = simulated().map(|level| level.cells).sum();
+    let source = folder_bytes(&directory.join("simulation"));
+    let row = |name: &str, adaptive: String, grid: String| format!("{name:<28}{adaptive:>20}{grid:>24}");
+    output.line("")?;
+    output.line(row("", "brick cache".into(), "covering grid".into()))?;
+    output.line(row("levels", format!("0 to {deepest}"), format!("one, at level {deepest}")))?;
+    output.line(row("cells", cells.to_string(), format!("{covering:.2e}")))?;
+    let grid_bytes = format!("{:.1e} GiB", 4.0 * covering / f64::from(1 << 30));
+    output.line(row("file", size::show(header.file_bytes), grid_bytes))?;
+    output.line(row("simulation output", size::show(source), String::new()))?;
+    output.line("")?;
+    let row = |name: &str, outside: String, inside: String| format!("{name:<28}{outside:>20}{inside:>24}");
+    output.line(row("", "from outside".into(), "from inside".into()))?;
+    let stats = [stats(&directory.join("outside.json"))?, stats(&directory.join("inside.json"))?];
+    let mut line = |name: &str, show: &dyn Fn(&Value) -> String| {
+        output.line(row(name, show(&stats[0]), show(&stats[1])))
+    };
+    let count = |key: &'static str| move |stats: &Value| stats[key].to_string();
+    line("time to render", &|s| format!("{:.2} s", s["render_seconds"].as_f64().unwrap_or(0.0)))?;
+    line("peak memory", &|s| size::show(s["peak_rss_bytes"].as_u64().unwrap_or(0)))?;
+    line("bricks in the cache", &count("bricks_total"))?;
+    line("bricks read", &count("bricks_loaded"))?;
+    line("skipped: too fine to see", &count("bricks_skipped_resolution"))?;
+    line("skipped: transparent", &count("bricks_skipped_transparent"))?;
+    line("skipped: hidden", &count("bricks_skipped_occluded"))?;
+    line("deepest level drawn", &count("deepest_level_used"))?;
+    output.line("")
+}
+
+fn stats(path: &Path) -> Result<Value> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|source| Error::io(path, "cannot read the stats", source))?;
+    serde_json::from_str(&text).map_err(|error| Error::invalid(path.display(), error.to_string()))
+}
+
+/// Bytes of all files in a folder and those in it.
+fn folder_bytes(folder: &Path) -> u64 {
+    let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
+    let bytes = |entry: std::fs::DirEntry| match entry.metadata() {
+        Ok(data) if data.is_dir() => folder_bytes(&entry.path()),
+        Ok(data) => data.len(),
+        Err(_) => 0,
+    };
+    entries.flatten().map(bytes).sum()
+}

@@ -1,0 +1,113 @@
+//! `deepfield render`.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::Args;
+
+use super::progress::Bar;
+use super::size;
+use crate::atomic_file::AtomicFile;
+use crate::cache::{Cache, Cursor};
+use crate::image::{Format, write_exr, write_png};
+use crate::render::stats::Stats;
+use crate::render::{RenderOptions, Rendered, render};
+use crate::scene::{Samples, Scene, Tolerance};
+use crate::{Error, Result};
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// The cache
+    cache: PathBuf,
+    /// The scene (TOML)
+    scene: PathBuf,
+    /// The picture to write: .exr or .png
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// Memory limit of the whole process
+    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse)]
+    memory: u64,
+    /// Threads (default: all cores)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Option<u32>,
+    /// Largest error: a number, or `p%` of the picture's largest value (default: the scene's)
+    #[arg(long, value_name = "T")]
+    tolerance: Option<String>,
+    /// n for n×n rays a pixel, or `area` (default: the scene's)
+    #[arg(long, value_name = "N|area")]
+    samples: Option<String>,
+    /// Write what the picture took, as JSON
+    #[arg(long, value_name = "FILE.json")]
+    stats: Option<PathBuf>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let started = Instant::now();
+    let format = Format::from_path(&arguments.output)?;
+    let mut scene = Scene::load(&arguments.scene)?;
+    if let Some(tolerance) = &arguments.tolerance {
+        scene.render.tolerance = Tolerance::parse(tolerance)
+            .map_err(|why| Error::request(format!("--tolerance {tolerance}: {why}")))?;
+    }
+    if let Some(samples) = &arguments.samples {
+        scene.render.samples = Samples::parse(samples)
+            .map_err(|why| Error::request(format!("--samples {samples}: {why}")))?;
+    }
+    let cache = Cache::open(&arguments.cache, Cursor::WINDOWS)?;
+    let opening = started.elapsed().as_secs_f64();
+    let bar = Bar::new("render", "tiles");
+    let progress = |done, total| bar.show("render", done, total);
+    let options = RenderOptions {
+        memory: arguments.memory,
+        threads: arguments.threads.map_or_else(all_cores, |n| n as usize),
+        progress: Some(&progress),
+    };
+    let mut rendered = render(&cache, &scene, &options)?;
+    rendered.stats.set_opening(opening);
+    write_picture(&arguments.output, format, &rendered, &scene, &cache)?;
+    match &arguments.stats {
+        Some(path) => write_stats(path, &rendered.stats),
+        None => Ok(()),
+    }
+}
+
+fn all_cores() -> usize {
+    std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
+}
+
+fn write_picture(
+    path: &Path,
+    format: Format,
+    rendered: &Rendered,
+    scene: &Scene,
+    cache: &Cache,
+) -> Result<()> {
+    let film = &rendered.film;
+    match format {
+        Format::Png => write_png(path, film, scene.image.exposure, scene.render.background),
+        Format::Exr => {
+            let attributes = [
+                ("deepfieldVersion", env!("CARGO_PKG_VERSION").to_owned()),
+                ("deepfieldCache", format!("{:016x}", cache.header().checksum)),
+                ("deepfieldScene", scene.source.clone()),
+                ("deepfieldStats", json(&rendered.stats)?),
+            ];
+            write_exr(path, film, &attributes.map(|(name, value)| (name.to_owned(), value)))
+        }
+    }
+}
+
+fn json(stats: &Stats) -> Result<String> {
+    serde_json::to_string_pretty(stats)
+        .map_err(|error| Error::request(format!("cannot write the stats: {error}")))
+}
+
+fn write_stats(path: &Path, stats: &Stats) -> Result<()> {
+    let file = AtomicFile::create(path)?;
+    let text = json(stats)? + "\n";
+    file.file()
+        .write_all(text.as_bytes())
+        .map_err(|source| Error::io(path, "cannot write the stats", source))?;
+    file.commit()
+}
