@@ -2,10 +2,14 @@
 
 use glam::DVec3;
 
-use super::noise::{cell_noise, fractal_noise, smooth_noise};
-use super::recipe::{Component, Coordinate, Recipe, Spiral, Texture};
+use super::noise::{NoiseMemory, cell_noise, fractal_noise, smooth_noise};
+use super::recipe::{Component, Coordinate, Recipe};
 use crate::Result;
 use crate::space::{Domain, FRACTION_BITS, IndexBox, Position};
+
+mod formulas;
+
+use formulas::additive;
 
 /// A recipe's density, with the positions of its components made exact.
 #[derive(Debug, Clone)]
@@ -67,7 +71,8 @@ impl DensityModel {
 
     /// The density at a point, without grain.
     pub fn at(&self, position: &Position) -> f64 {
-        self.combine(&|origin| self.domain.difference(position, &self.origins[origin]))
+        let offset = |origin: usize| self.domain.difference(position, &self.origins[origin]);
+        self.combine(&offset, &mut NoiseMemory::default())
     }
 
     /// The density in the centre of cell `index` of octree level `octree`, grain included.
@@ -81,16 +86,17 @@ impl DensityModel {
 
     /// Sum of the additive components times the exponential of the turbulence; `offset` gives
     /// the offset from one of the model's origins.
-    fn combine(&self, offset: &dyn Fn(usize) -> DVec3) -> f64 {
+    fn combine(&self, offset: &impl Fn(usize) -> DVec3, memory: &mut NoiseMemory) -> f64 {
+        memory.restart();
         let (mut sum, mut exponent) = (0.0, 0.0);
         for term in &self.terms {
             let offset = offset(term.origin);
             match &term.component {
                 Component::Turbulence { scale, octaves, amplitude, persistence } => {
                     exponent += amplitude
-                        * fractal_noise(offset / *scale, *octaves, *persistence, self.seed);
+                        * fractal_noise(offset / *scale, *octaves, *persistence, self.seed, memory);
                 }
-                component => sum += additive(component, offset, term.along, self.seed),
+                component => sum += additive(component, offset, term.along, self.seed, memory),
             }
         }
         if exponent == 0.0 { sum } else { sum * exponent.exp() }
@@ -99,7 +105,14 @@ impl DensityModel {
     /// Prepares the evaluation in all cells of a box.
     pub(super) fn sampler(&self, octree: u32, cells: IndexBox) -> Sampler<'_> {
         let offsets = self.origins.iter().map(|origin| self.axis_offsets(octree, &cells, origin));
-        Sampler { model: self, octree, lo: cells.lo, offsets: offsets.collect() }
+        Sampler {
+            model: self,
+            octree,
+            lo: cells.lo,
+            offsets: offsets.collect(),
+            memory: NoiseMemory::default(),
+            velocity_memory: std::array::from_fn(|_| NoiseMemory::default()),
+        }
     }
 
     /// Offsets of the centres of a box's cells from `origin`, along each axis.
@@ -118,26 +131,31 @@ pub(super) struct Sampler<'a> {
     octree: u32,
     lo: [i128; 3],
     offsets: Vec<[Vec<f64>; 3]>,
+    memory: NoiseMemory,
+    velocity_memory: [NoiseMemory; 3],
 }
 
 impl Sampler<'_> {
     /// The density in cell `at` of the box, counted from its first.
-    pub(super) fn density(&self, at: [usize; 3]) -> f64 {
+    pub(super) fn density(&mut self, at: [usize; 3]) -> f64 {
         let index = std::array::from_fn(|a| self.lo[a] + at[a] as i128);
-        self.model.combine(&|origin| self.offset(origin, at)) * self.model.grain(self.octree, index)
+        let offset = |origin: usize| axis_offset(&self.offsets[origin], at);
+        self.model.combine(&offset, &mut self.memory) * self.model.grain(self.octree, index)
     }
 
     /// One component of a made-up velocity in cell `at`: smooth noise.
-    pub(super) fn velocity(&self, axis: u64, at: [usize; 3]) -> f64 {
+    pub(super) fn velocity(&mut self, axis: usize, at: [usize; 3]) -> f64 {
         let domain = &self.model.domain;
         let width = domain.right()[0] - domain.left()[0];
-        smooth_noise(self.offset(0, at) * (4.0 / width), self.model.seed.wrapping_add(axis + 1))
+        let point = axis_offset(&self.offsets[0], at) * (4.0 / width);
+        let memory = &mut self.velocity_memory[axis];
+        memory.restart();
+        smooth_noise(point, self.model.seed.wrapping_add(axis as u64 + 1), memory)
     }
+}
 
-    fn offset(&self, origin: usize, at: [usize; 3]) -> DVec3 {
-        let [x, y, z] = &self.offsets[origin];
-        DVec3::new(x[at[0]], y[at[1]], z[at[2]])
-    }
+fn axis_offset([x, y, z]: &[Vec<f64>; 3], at: [usize; 3]) -> DVec3 {
+    DVec3::new(x[at[0]], y[at[1]], z[at[2]])
 }
 
 /// The exact position of decimal coordinates.
@@ -150,69 +168,6 @@ pub(super) fn position(domain: &Domain, point: &[Coordinate; 3]) -> Result<Posit
 pub(super) fn cell_centre(octree: u32, index: [i128; 3]) -> Position {
     let half_cell = FRACTION_BITS - 1 - octree;
     Position(index.map(|i| (2 * i + 1) << half_cell))
-}
-
-fn additive(component: &Component, offset: DVec3, along: DVec3, seed: u64) -> f64 {
-    match component {
-        Component::Constant { value } => *value,
-        Component::Gradient { value, slope } => value + DVec3::from_array(*slope).dot(offset),
-        Component::Core { peak, radius, slope, stretch, spiral, texture, .. } => {
-            let scaled = offset / DVec3::from_array(*stretch) / *radius;
-            let square = scaled.length_squared();
-            let exponent = structure(scaled, square, *spiral, *texture, seed);
-            peak * decline(square, *slope) * if exponent == 0.0 { 1.0 } else { exponent.exp() }
-        }
-        Component::PowerLaw { value, slope, inner, .. } => {
-            value * offset.length().max(*inner).powf(-slope)
-        }
-        Component::Gaussian { peak, sigma, .. } => {
-            peak * (-0.5 * (offset / *sigma).length_squared()).exp()
-        }
-        Component::Filament { peak, radius, slope, .. } => {
-            let t = (offset.dot(along) / along.length_squared()).clamp(0.0, 1.0);
-            let nearest = if t.is_nan() { DVec3::ZERO } else { along * t };
-            peak * decline(((offset - nearest) / *radius).length_squared(), *slope)
-        }
-        Component::Turbulence { .. } | Component::Grain { .. } => 0.0,
-    }
-}
-
-/// `(1 + square)^(−slope/2)`, without powf for the common slopes.
-fn decline(square: f64, slope: f64) -> f64 {
-    let base = 1.0 + square;
-    if slope == 2.0 {
-        1.0 / base
-    } else if slope == 4.0 {
-        1.0 / (base * base)
-    } else {
-        base.powf(-0.5 * slope)
-    }
-}
-
-/// What spiral arms and texture add to a core's exponent; both fade inside the core's radius,
-/// where the direction means nothing.
-fn structure(
-    scaled: DVec3,
-    square: f64,
-    spiral: Option<Spiral>,
-    texture: Option<Texture>,
-    seed: u64,
-) -> f64 {
-    if (spiral.is_none() && texture.is_none()) || square == 0.0 {
-        return 0.0;
-    }
-    let log_radius = 0.5 * square.ln();
-    let fade = square / (1.0 + square);
-    let arms = spiral.map_or(0.0, |s| {
-        let angle = scaled.y.atan2(scaled.x);
-        s.amplitude * (f64::from(s.arms) * angle - s.pitch * log_radius).cos()
-    });
-    let noise = texture.map_or(0.0, |t| {
-        let direction = scaled / square.sqrt();
-        let point = (direction + log_radius * DVec3::new(0.6, 0.64, 0.48)) * t.frequency;
-        t.amplitude * fractal_noise(point, 4, 0.5, seed ^ 0x7e87)
-    });
-    fade * (arms + noise)
 }
 
 #[cfg(test)]
@@ -256,7 +211,7 @@ mod tests {
             "[12, 10, 14]",
         );
         let cells = IndexBox::at([6, 4, 10], [5, 4, 3]);
-        let sampler = model.sampler(1, cells);
+        let mut sampler = model.sampler(1, cells);
         for at in [[0, 0, 0], [4, 3, 2], [1, 2, 1]] {
             let index = std::array::from_fn(|a| cells.lo[a] + at[a] as i128);
             assert_eq!(sampler.density(at), model.in_cell(1, index));

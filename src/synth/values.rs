@@ -19,13 +19,13 @@ pub(super) fn grid_values(
 ) -> Vec<Vec<f64>> {
     let size = grid.cells.size().map(|n| n as usize);
     let octree = grids.octree(grid.level);
-    let sampler = grids.model().sampler(octree, grid.cells);
+    let mut sampler = grids.model().sampler(octree, grid.cells);
     let mut values: Vec<Vec<f64>> =
         fields.iter().map(|_| Vec::with_capacity(size[0] * size[1] * size[2])).collect();
     for z in 0..size[2] {
         for y in 0..size[1] {
             for x in 0..size[0] {
-                push_cell(&sampler, [x, y, z], fields, &mut values);
+                push_cell(&mut sampler, [x, y, z], fields, &mut values);
             }
         }
     }
@@ -35,7 +35,7 @@ pub(super) fn grid_values(
     values
 }
 
-fn push_cell(sampler: &Sampler, at: [usize; 3], fields: &[String], values: &mut [Vec<f64>]) {
+fn push_cell(sampler: &mut Sampler, at: [usize; 3], fields: &[String], values: &mut [Vec<f64>]) {
     let density = sampler.density(at);
     for (name, values) in fields.iter().zip(values) {
         values.push(match name.as_str() {

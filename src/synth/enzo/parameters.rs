@@ -26,22 +26,22 @@ fn text(recipe: &Recipe, totals: Totals) -> String {
     line("InitialCycleNumber", &0);
     line("InitialTime", &TIME);
     line("TopGridRank", &3);
-    line("TopGridDimensions", &three(domain.root));
+    line("TopGridDimensions", &three(&domain.root));
     line("NumberOfParticles", &format!("{} (do not modify)", all_particles(recipe, totals)));
     line("RefineBy", &recipe.refinement.factor);
     line("MaximumRefinementLevel", &(totals.levels - 1));
     line("Gamma", &"1.6667");
     line("HydroMethod", &0);
-    line("DomainLeftEdge", &three(domain.left));
-    line("DomainRightEdge", &three(domain.right));
+    line("DomainLeftEdge", &three(&domain.left));
+    line("DomainRightEdge", &three(&domain.right));
     for (i, (_, name)) in field_types(recipe).iter().enumerate() {
         line(&format!("DataLabel[{i}]"), name);
     }
     for switch in ["ComovingCoordinates", "MultiSpecies", "DualEnergyFormalism"] {
         line(switch, &0);
     }
-    line("LeftFaceBoundaryCondition", &three([3; 3]));
-    line("RightFaceBoundaryCondition", &three([3; 3]));
+    line("LeftFaceBoundaryCondition", &three(&[3; 3]));
+    line("RightFaceBoundaryCondition", &three(&[3; 3]));
     for unit in ["MassUnits", "DensityUnits", "TimeUnits", "LengthUnits"] {
         line(unit, &1);
     }
@@ -50,7 +50,7 @@ fn text(recipe: &Recipe, totals: Totals) -> String {
     text
 }
 
-fn three<T: std::fmt::Display>(values: [T; 3]) -> String {
+fn three<T: std::fmt::Display>(values: &[T; 3]) -> String {
     format!("{} {} {}", values[0], values[1], values[2])
 }
 
