@@ -158,7 +158,7 @@ fn faces_belong_to_the_cell_above_and_the_upper_edge_is_outside() -> Outcome<()>
     let source = source.grid(0, [0; 3], [2; 3], |i| if i[0] == 1 { 1.0 } else { 0.25 });
     for (x, expected) in [("0", 0.25), ("0.5", 1.0), ("0.49999999999999999999", 0.25), ("1", 0.0)] {
         let pixel = picture(&source, &along_z(x, "0.5", "cell", IDENTITY))?[0];
-        assert!(close(pixel[3], 1.0 - (-expected as f64).exp()), "{x}: {pixel:?}");
+        assert!(close(pixel[3], 1.0 - f64::exp(-expected)), "{x}: {pixel:?}");
     }
     Ok(())
 }
@@ -220,6 +220,20 @@ fn a_refined_cell_is_blended_into_its_neighbours_by_the_rule() -> Outcome<()> {
     Ok(())
 }
 
+/// How far apart the interpolant's values are at the eight points `step` root cells from `point`
+/// along the diagonals, within the root grid of `flush_levels`.
+fn spread_around(interpolant: &Interpolant<'_>, point: [f64; 3], step: f64) -> f64 {
+    let values = (0..8).map(|n| {
+        let near: [f64; 3] = std::array::from_fn(|a| {
+            let offset = if n >> a & 1 == 1 { step } else { -step };
+            (point[a] + offset).clamp(0.0, [6.0, 4.0, 5.0][a] - 1e-14)
+        });
+        interpolant.at(near.map(DoubleDouble::from))
+    });
+    let (low, high) = values.fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
+    high - low
+}
+
 #[test]
 fn the_interpolant_is_continuous_wherever_levels_meet() -> Outcome<()> {
     let dataset = Dataset::load(&flush_levels()?, "density", Precision::Source)?;
@@ -228,25 +242,14 @@ fn the_interpolant_is_continuous_wherever_levels_meet() -> Outcome<()> {
     let (mut largest, mut change): (f64, f64) = (0.0, 0.0);
     for level in 0..=dataset.deepest() {
         for (index, _) in dataset.leaves(level) {
+            // Corners, points of edges and faces, and one inside.
             for n in 0..27 {
-                // Corners, edge and face points of the cell, approached along all diagonals.
-                let place = [1, 3, 9].map(|d| f64::from(n / d % 3) * 0.43);
-                let cells: [f64; 3] = std::array::from_fn(|a| {
-                    let low = if place[a] == 0.86 { 1.0 } else { place[a] };
-                    (index[a] as f64 + low) * (-(level as f64)).exp2()
+                let point: [f64; 3] = std::array::from_fn(|a| {
+                    let place = [0.0, 0.43, 1.0][n / [1, 3, 9][a] % 3];
+                    (index[a] as f64 + place) * (-(level as f64)).exp2()
                 });
-                let around = |step: f64| -> Vec<f64> {
-                    let side = |n: usize, a: usize| if n >> a & 1 == 1 { step } else { -step };
-                    let inside = |x: f64, a: usize| x.clamp(0.0, [6.0, 4.0, 5.0][a] - 1e-14);
-                    let point = |n| [0, 1, 2].map(|a| inside(cells[a] + side(n, a), a));
-                    (0..8).map(|n| interpolant.at(point(n).map(DoubleDouble::from))).collect()
-                };
-                let spread = |values: Vec<f64>| {
-                    let low = values.iter().copied().fold(f64::MAX, f64::min);
-                    values.into_iter().fold(f64::MIN, f64::max) - low
-                };
-                largest = largest.max(spread(around(1e-12)));
-                change = change.max(spread(around(0.5)));
+                largest = largest.max(spread_around(&interpolant, point, 1e-12));
+                change = change.max(spread_around(&interpolant, point, 0.5));
             }
         }
     }

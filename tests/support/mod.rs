@@ -71,6 +71,7 @@ pub(crate) fn render(
 pub(crate) fn synth(name: &str, folder: &Path) -> Result<PathBuf> {
     let recipes = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets_synthetic");
     let output = folder.join(name);
+    std::fs::create_dir_all(&output).map_err(|error| error.to_string())?;
     let mut command = program();
     command.arg("synth").arg(recipes.join(format!("{name}.toml"))).arg("-o").arg(&output);
     run(command)?;

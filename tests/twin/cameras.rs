@@ -1,6 +1,7 @@
 //! Scenes for comparing two renderers: at random, and at places where rounding decides.
 
 use super::dataset::Dataset;
+use super::double_double::DoubleDouble;
 use super::exact::{self, Rational};
 
 /// Decimal places of written positions: far below the deepest cell.
@@ -110,7 +111,8 @@ fn random_target(dataset: &Dataset, random: &mut Random) -> ([Rational; 3], f64,
 }
 
 fn cell_width(dataset: &Dataset, level: usize) -> f64 {
-    let widest = dataset.root_cell_width().map(|w| w.to_f64()).into_iter().fold(0.0, f64::max);
+    let widest =
+        dataset.root_cell_width().map(DoubleDouble::to_f64).into_iter().fold(0.0, f64::max);
     widest * (-(level as f64)).exp2()
 }
 

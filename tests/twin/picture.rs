@@ -15,6 +15,9 @@ pub(crate) struct Picture {
     pub(crate) pixels: Vec<[f64; 4]>,
 }
 
+/// A row's number and its pixels.
+type Row<'a> = (usize, &'a mut [[f64; 4]]);
+
 /// How far one picture is from another.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Difference {
@@ -33,7 +36,7 @@ impl Picture {
         let camera = Camera::new(scene, dataset)?;
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let mut pixels = vec![[0.0; 4]; width * height];
-        let mut shares: Vec<Vec<(usize, &mut [[f64; 4]])>> = (0..threads).map(|_| vec![]).collect();
+        let mut shares: Vec<Vec<Row<'_>>> = (0..threads).map(|_| vec![]).collect();
         for (row, line) in pixels.chunks_mut(width).enumerate() {
             shares[row % threads].push((row, line));
         }
@@ -83,7 +86,7 @@ fn render_rows(
     scene: &Scene,
     dataset: &Dataset,
     camera: &Camera,
-    rows: Vec<(usize, &mut [[f64; 4]])>,
+    rows: Vec<Row<'_>>,
 ) -> Result<()> {
     let transfer = scene.transfer(dataset)?;
     let interpolant = Interpolant::new(dataset, &transfer);

@@ -43,8 +43,8 @@ impl Ray {
     fn inside(&self, root_cells: [i64; 3]) -> Option<(DoubleDouble, DoubleDouble)> {
         let mut enter = DoubleDouble::from(if self.forward_only { 0.0 } else { f64::NEG_INFINITY });
         let mut leave = DoubleDouble::from(f64::INFINITY);
-        for a in 0..3 {
-            let upper = DoubleDouble::from_index(root_cells[a]);
+        for (a, cells) in root_cells.into_iter().enumerate() {
+            let upper = DoubleDouble::from_index(cells);
             if self.direction[a].is_zero() {
                 if self.origin[a] < DoubleDouble::ZERO || self.origin[a] >= upper {
                     return None;
