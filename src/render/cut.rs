@@ -142,9 +142,8 @@ mod tests {
     /// Bricks near the eye, at any level, where the decision is close.
     fn near(octree: i32, eye: [i128; 3], edge: u32, offset: [i32; 3]) -> BrickPlace {
         let cell = eye.map(|e| e >> (i64::from(crate::space::FRACTION_BITS) - i64::from(octree)));
-        let coordinates = std::array::from_fn(|a| {
-            cell[a].div_euclid(i128::from(edge)) + i128::from(offset[a])
-        });
+        let coordinates =
+            std::array::from_fn(|a| cell[a].div_euclid(i128::from(edge)) + i128::from(offset[a]));
         BrickPlace { tree_level: 9, octree, coordinates }
     }
 

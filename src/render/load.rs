@@ -82,7 +82,7 @@ impl Loader for BrickLoader<'_> {
         self.cache.read_brick(*node, record, self.shading.field, field, decoder, raw)?;
         let header = self.cache.header();
         let map = |stored| self.shading.map(stored);
-        brick.prepare(raw, place, header, &map, self.shading.interpolation)?;
+        brick.prepare(raw, place, header, map, self.shading.interpolation)?;
         let blocks = usize::from(field.parent_blocks) + 1;
         Ok(LoadedBytes {
             read: u64::from(field.stored_bytes),

@@ -16,10 +16,14 @@ pub mod cut;
 mod fill;
 pub mod frame;
 pub mod interpolant;
+#[cfg(test)]
+mod interpolant_tests;
 pub mod load;
 pub mod march;
 mod march_cell;
 mod march_linear;
+#[cfg(test)]
+mod march_tests;
 pub mod memory;
 mod picture;
 mod polynomial;
@@ -30,11 +34,17 @@ pub mod scaled;
 pub mod shading;
 pub mod stats;
 #[cfg(test)]
+mod test_data;
+#[cfg(test)]
 mod test_scene;
+#[cfg(test)]
+mod test_tree;
 pub mod tile;
 pub mod transfer_pieces;
 pub mod tree_walk;
 pub mod view;
+#[cfg(test)]
+mod view_tests;
 mod walk;
 
 use std::sync::atomic::{AtomicBool, AtomicU64};
@@ -155,3 +165,7 @@ fn absolute(tolerance: Tolerance, film: &Film) -> f64 {
         Tolerance::Relative(part) => part * f64::from(film.largest_value()),
     }
 }
+
+#[cfg(test)]
+#[path = "render_tests.rs"]
+mod tests;

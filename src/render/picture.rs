@@ -17,8 +17,9 @@ use crate::image::Film;
 use crate::paging::{Pinned, Pool, ReadAhead, run_reader};
 use crate::{Error, Result};
 
-/// Steps that a tile's walk is ahead of its march.
-const STEPS_AHEAD: usize = 8;
+/// Steps that a tile's walk is ahead of its march. More would read more of what turns out to be
+/// hidden; each marching thread has one reader, which these keep busy.
+const STEPS_AHEAD: usize = 4;
 
 /// A picture being drawn: what its threads share.
 pub(super) struct Picture<'r> {

@@ -12,6 +12,7 @@ look_at = [0.47, 0.14, 0.9]
 field = "Density"
 scale = "linear"
 range = [0.0, 1.0]
+color = [[0.0, 1.0, 0.2, 0.0], [1.0, 0.1, 0.3, 1.0]]
 "#;
 
 /// A scene with the lines `settings` under `[render]`.

@@ -93,12 +93,7 @@ pub struct Walk<'r, I, T> {
 
 impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
     /// A walk that begins at the root.
-    pub fn new(
-        scenery: &'r Scenery<'r>,
-        index: &'r mut I,
-        tally: T,
-        window: RayRect,
-    ) -> Self {
+    pub fn new(scenery: &'r Scenery<'r>, index: &'r mut I, tally: T, window: RayRect) -> Self {
         Self { scenery, index, tally, window, stack: Vec::new(), is_started: false }
     }
 
@@ -202,7 +197,8 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         let has_own = |octant: u8| {
             opened >> octant & 1 == 0 && scenery.region(&request.place, Some(octant)).is_some()
         };
-        let own = (0..8).filter(|&octant| has_own(octant)).fold(0, |mask, octant| mask | 1 << octant);
+        let own =
+            (0..8).filter(|&octant| has_own(octant)).fold(0, |mask, octant| mask | 1 << octant);
         let order = scenery.view.octant_order(&scenery.corner(&request.place, 0b111));
         let fate = if own != 0 && is_transparent { Fate::Transparent } else { Fate::Covered };
         let own = if is_transparent { 0 } else { own };

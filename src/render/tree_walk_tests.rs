@@ -2,117 +2,13 @@ use glam::DVec2;
 use proptest::prelude::*;
 
 use super::*;
-use crate::cache::{BrickShape, CachedField, TreeLevel};
 use crate::render::census::Census;
 use crate::render::test_scene::{domain, scene, view};
+use crate::render::test_tree::{Tree, tree};
 use crate::render::walk::clip;
 use crate::scene::Scene;
 
-/// A hand-made tree: nodes in the order of their levels.
-#[derive(Clone)]
-struct Tree {
-    nodes: Vec<(NodeRecord, FieldRecord)>,
-    levels: Vec<TreeLevel>,
-}
-
-impl Index for Tree {
-    fn records(&mut self, node: u64) -> Result<(NodeRecord, FieldRecord)> {
-        Ok(self.nodes[usize::try_from(node).unwrap()])
-    }
-}
-
-/// Bricks of 8³ cells over a root grid of 20×12×28: the root lies two levels above it. Each brick
-/// has the children that `masks` says in turn, as far as they touch the domain.
-fn tree(masks: &[u8], depth: usize) -> Tree {
-    let mut tree = Tree { nodes: Vec::new(), levels: Vec::new() };
-    let mut places = vec![BrickPlace { tree_level: 0, octree: -2, coordinates: [0; 3] }];
-    let mut octants = vec![0u8];
-    for level in 0..=depth {
-        let octree = i32::try_from(level).unwrap() - 2;
-        let first_node = tree.nodes.len() as u64;
-        tree.levels.push(TreeLevel {
-            octree,
-            simulation: u32::try_from(octree).ok(),
-            first_node,
-            nodes: places.len() as u64,
-            grids: 0,
-            cells: 0,
-            leaf_cells: 0,
-        });
-        let (mut next, mut next_octants) = (Vec::new(), Vec::new());
-        for (place, octant) in places.iter().zip(&octants) {
-            let first_child = first_node + (places.len() + next.len()) as u64;
-            let wanted = masks[tree.nodes.len() % masks.len()];
-            let mut record = NodeRecord { octant: *octant, first_child, ..NodeRecord::default() };
-            for octant in 0..8 {
-                let child = place.child(octant);
-                if level < depth && wanted >> octant & 1 == 1 && in_domain(&child) {
-                    record.child_mask |= 1 << octant;
-                    next.push(child);
-                    next_octants.push(octant);
-                }
-            }
-            let field = FieldRecord { own: [0.1, 0.9], tree: [0.1, 0.9], ..FieldRecord::default() };
-            tree.nodes.push((record, field));
-        }
-        (places, octants) = (next, next_octants);
-    }
-    tree.count_descendants();
-    tree
-}
-
-fn in_domain(place: &BrickPlace) -> bool {
-    let corner = domain().cell_corner(place.octree, place.coordinates.map(|c| c * 8));
-    (0..3).all(|a| corner.0[a] < domain().upper().0[a])
-}
-
 impl Tree {
-    fn count_descendants(&mut self) {
-        for node in (0..self.nodes.len()).rev() {
-            let record = self.nodes[node].0;
-            let children = (0..8).filter_map(|octant| record.child(octant));
-            let below = |child: u64| self.nodes[usize::try_from(child).unwrap()].0.descendants + 1;
-            self.nodes[node].0.descendants = children.map(below).sum();
-        }
-    }
-
-    fn header(&self) -> Header {
-        let field = CachedField {
-            name: "Density".to_owned(),
-            units: None,
-            to_cgs: None,
-            exponent: 0,
-            min: 0.0,
-            max: 1.0,
-            smallest_positive: Some(0.1),
-            sum: 0.0,
-            stored_sum: 0.0,
-            nan_cells: 0,
-            dropped_cells: 0,
-            dropped_volume: 0.0,
-            dropped_sum: 0.0,
-            relative_error: 0.0,
-        };
-        Header {
-            file_bytes: 0,
-            source_format: String::new(),
-            time: None,
-            domain: domain(),
-            shape: BrickShape::new(8).unwrap(),
-            levels: self.levels.clone(),
-            fields: vec![field],
-            max_parent_blocks: 1,
-            index_offset: 0,
-            index_pages: 0,
-            page_table_checksum: 0,
-            checksum: 0,
-        }
-    }
-
-    fn nodes(&self) -> u64 {
-        self.nodes.len() as u64
-    }
-
     /// All steps of the picture's window, and what became of the bricks.
     fn walk(&self, scene: &Scene, window: Option<RayRect>) -> (Vec<Step>, Census) {
         let (header, view) = (self.header(), view(scene));
@@ -136,7 +32,8 @@ impl Tree {
 /// name it, in their order.
 fn stretches(grid: &RayGrid, steps: &[Step], [x, y]: [u32; 2]) -> Vec<(f64, f64)> {
     let plane = DVec2::new(grid.column(x), grid.row(y));
-    let named = steps.iter().filter(|s| s.rays.columns().contains(&x) && s.rays.rows().contains(&y));
+    let named =
+        steps.iter().filter(|s| s.rays.columns().contains(&x) && s.rays.rows().contains(&y));
     named
         .filter_map(|step| {
             let (from, to) = clip(&step.frame.ray(plane), step.region.lo, step.region.hi)?;
@@ -157,7 +54,9 @@ fn cameras() -> impl Strategy<Value = (String, bool)> {
     let coordinate = |lo: f64, hi: f64| lo..hi;
     let eye = (coordinate(-0.3, 1.3), coordinate(-0.4, 0.6), coordinate(-0.5, 2.5));
     (eye, 0usize..4).prop_map(|((x, y, z), kind)| match kind {
-        0 => (format!("position = [{x}, {y}, {z}]\nlook_at = [0.5, 0.11, 1.02]\nfov = 70.0"), false),
+        0 => {
+            (format!("position = [{x}, {y}, {z}]\nlook_at = [0.5, 0.11, 1.02]\nfov = 70.0"), false)
+        }
         1 => (
             format!(
                 "projection = \"orthographic\"\nheight = 1.9\nposition = [{x}, {y}, {z}]\n\
@@ -174,7 +73,9 @@ fn cameras() -> impl Strategy<Value = (String, bool)> {
             true,
         ),
         // The eye in a corner of many bricks.
-        _ => ("position = [0.8, 0.1, 1.0]\nlook_at = [0.3, 0.05, 0.2]\nfov = 100.0".to_owned(), true),
+        _ => {
+            ("position = [0.8, 0.1, 1.0]\nlook_at = [0.3, 0.05, 0.2]\nfov = 100.0".to_owned(), true)
+        }
     })
 }
 
@@ -203,6 +104,8 @@ proptest! {
             let length: f64 = found.iter().map(|(from, to)| to - from).sum();
             let expected = whole_path(&scene, DVec2::new(grid.column(ray[0]), grid.row(ray[1])));
             prop_assert!((length - expected).abs() < 1e-9, "{ray:?}: {length} of {expected}");
+            // Where the eye lies in a face, rounding may leave a sliver of the brick behind it.
+            let found: Vec<_> = found.into_iter().filter(|(from, to)| to - from > 1e-10).collect();
             for pair in found.windows(2) {
                 prop_assert!(pair[0].1 <= pair[1].0 + 1e-9, "{ray:?}: {pair:?}");
             }

@@ -1,0 +1,140 @@
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+
+use tempfile::TempDir;
+
+use super::test_scene::scene;
+use super::test_tree::tree;
+use super::*;
+
+const MEBIBYTE: u64 = 1 << 20;
+
+/// A cache of some 900 bricks at five levels, not all of them refined.
+fn cache() -> (TempDir, PathBuf) {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("tree.dfc");
+    tree(&[0xff, 0xff, 0xff, 0xfb], 4).write(&path);
+    (folder, path)
+}
+
+fn options(memory: u64, threads: usize) -> RenderOptions<'static> {
+    RenderOptions { memory, threads, progress: None }
+}
+
+fn draw(path: &Path, scene: &Scene, memory: u64, threads: usize) -> Result<Rendered> {
+    render(&Cache::open(path, 16)?, scene, &options(memory, threads))
+}
+
+fn smallest(path: &Path, scene: &Scene, threads: usize) -> u64 {
+    let text = draw(path, scene, 0, threads).unwrap_err().to_string();
+    let number = text.split("works is ").nth(1).and_then(|rest| rest.split("MiB").next());
+    number.unwrap().parse().unwrap()
+}
+
+#[test]
+fn the_picture_does_not_depend_on_threads_or_memory() {
+    let (_folder, path) = cache();
+    for settings in [
+        "samples = 1\ntolerance = 0",
+        "samples = 1\ntolerance = 0\ninterpolation = \"cell\"",
+        "samples = 2\ntolerance = \"1%\"\ninterpolation = \"cell\"",
+    ] {
+        let scene = scene(settings, 130, 100);
+        let reference = draw(&path, &scene, 4 << 30, 1).unwrap();
+        assert!(reference.film.largest_value() > 0.1);
+        assert_eq!(reference.stats.bricks_reloaded, 0, "everything fits");
+        for threads in [1, 2] {
+            let memory = smallest(&path, &scene, threads) * MEBIBYTE;
+            let found = draw(&path, &scene, memory, threads).unwrap();
+            assert!(found.film == reference.film, "{settings}, {threads} threads");
+            let plenty = draw(&path, &scene, 4 << 30, threads).unwrap();
+            assert!(plenty.film == reference.film, "{settings}, {threads} threads");
+        }
+    }
+}
+
+#[test]
+fn a_small_pool_loads_again_and_the_counts_add_up() {
+    let (_folder, path) = cache();
+    let scene = scene("samples = 1\ntolerance = 0", 192, 128);
+    let stats = draw(&path, &scene, smallest(&path, &scene, 1) * MEBIBYTE, 1).unwrap().stats;
+    assert!(stats.bricks_reloaded > 0);
+    assert!(stats.bytes_decompressed >= 5000 * (stats.bricks_loaded + stats.bricks_reloaded));
+    assert_eq!(
+        stats.bricks_in_view,
+        stats.bricks_loaded
+            + stats.bricks_covered
+            + stats.bricks_skipped_resolution
+            + stats.bricks_skipped_transparent
+            + stats.bricks_skipped_occluded
+    );
+    assert!(stats.bricks_in_view <= stats.bricks_total && stats.bricks_loaded > 500);
+    assert_eq!(stats.samples, stats.levels.iter().map(|level| level.samples).sum::<u64>());
+    let visited: u64 = stats.levels.iter().map(|level| level.bricks_visited).sum();
+    assert_eq!((visited, stats.deepest_level_used), (stats.bricks_loaded, Some(2)));
+    let json = serde_json::to_value(&stats).unwrap();
+    assert!(json["error_bound"].is_null() && json["levels"][0]["bricks_visited"].is_u64());
+}
+
+#[test]
+fn one_mebibyte_below_the_smallest_limit_names_it_again() {
+    let (_folder, path) = cache();
+    let scene = scene("samples = 1", 100, 80);
+    let named = smallest(&path, &scene, 2);
+    assert!(draw(&path, &scene, named * MEBIBYTE, 2).is_ok());
+    let message = draw(&path, &scene, (named - 1) * MEBIBYTE, 2).unwrap_err().to_string();
+    assert!(message.contains(&format!("works is {named}MiB")), "{message}");
+}
+
+#[test]
+fn a_damaged_brick_is_one_error_on_any_number_of_threads() {
+    let (_folder, path) = cache();
+    let mut bytes = std::fs::read(&path).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 0x10;
+    std::fs::write(&path, bytes).unwrap();
+    let scene = scene("samples = 1\ntolerance = 0", 192, 128);
+    for threads in [1, 2, 4] {
+        let message = draw(&path, &scene, 1 << 30, threads).unwrap_err().to_string();
+        assert!(message.contains("damaged") && message.contains("tree.dfc"), "{message}");
+    }
+}
+
+#[test]
+fn opaque_things_hide_what_lies_behind() {
+    let (_folder, path) = cache();
+    let text = scene("samples = 1\ntolerance = 0", 64, 64).source;
+    let opaque = format!("{text}\nabsorption = [[0.0, 2000.0], [1.0, 2000.0]]\n");
+    let scene = Scene::parse(&opaque, "test").unwrap();
+    let stats = draw(&path, &scene, 1 << 30, 1).unwrap().stats;
+    // The domain is 14×10×6 of the deepest bricks: their surface is a third of them.
+    assert!(stats.bricks_skipped_occluded > stats.bricks_total / 5, "{stats:?}");
+}
+
+#[test]
+fn every_tile_is_reported_once() {
+    let (_folder, path) = cache();
+    let seen = AtomicU64::new(0);
+    let progress = |done: u64, total: u64| {
+        assert!(done >= 1 && done <= total && total == 4);
+        seen.fetch_add(done, Ordering::Relaxed);
+    };
+    let options = RenderOptions { progress: Some(&progress), ..options(1 << 30, 2) };
+    let scene = scene("samples = 1", 128, 128);
+    render(&Cache::open(&path, 16).unwrap(), &scene, &options).unwrap();
+    assert_eq!(seen.into_inner(), 1 + 2 + 3 + 4);
+}
+
+#[test]
+fn an_unknown_field_lists_those_there_are() {
+    let (_folder, path) = cache();
+    let other = |name: &str, more: &str| {
+        let text = scene("samples = 1", 8, 8).source.replace("\"Density\"", name);
+        draw(&path, &Scene::parse(&format!("{text}{more}"), "test").unwrap(), 1 << 30, 1)
+    };
+    let message = other("\"Temperature\"", "").unwrap_err().to_string();
+    assert!(message.contains("`Temperature`") && message.contains("Density"), "{message}");
+    assert!(other("\"density\"", "").is_ok());
+    let message = other("\"density\"", "units = \"cgs\"\n").unwrap_err().to_string();
+    assert!(message.contains("cgs"), "{message}");
+}
