@@ -15,3 +15,13 @@ pub mod scaled;
 pub mod transfer_pieces;
 pub mod view;
 mod walk;
+
+#[cfg(test)]
+mod interpolant_tests;
+#[cfg(test)]
+mod march_tests;
+#[cfg(test)]
+mod test_data;
+#[cfg(test)]
+#[cfg(test)]
+mod view_tests;
