@@ -26,7 +26,10 @@ const SETS: [(&str, &str); 5] = [
 
 fn close(found: f64, expected: &Value, tolerance: f64) {
     let expected = expected.as_f64().unwrap();
-    assert!((found - expected).abs() <= tolerance * expected.abs(), "{found} instead of {expected}");
+    assert!(
+        (found - expected).abs() <= tolerance * expected.abs(),
+        "{found} instead of {expected}"
+    );
 }
 
 #[test]

@@ -59,11 +59,7 @@ impl Decoder {
     /// # Errors
     /// What the codec says when it cannot be set up.
     pub fn new() -> std::io::Result<Self> {
-        Ok(Self {
-            context: zstd::bulk::Decompressor::new()?,
-            stored: Vec::new(),
-            raw: Vec::new(),
-        })
+        Ok(Self { context: zstd::bulk::Decompressor::new()?, stored: Vec::new(), raw: Vec::new() })
     }
 
     /// Most bytes that a decoder holds for bricks of `shape` with up to `blocks` blocks: stored

@@ -171,8 +171,12 @@ impl<'c> Cursor<'c> {
     pub fn field(&mut self, node: u64, field: usize) -> Result<FieldRecord> {
         let place = NodeRecord::BYTES + field * FieldRecord::BYTES;
         let record = self
-            .with_record(node, |bytes| FieldRecord::read(&mut ByteReader::new(bytes.get(place..)?)))?
-            .ok_or_else(|| self.contradiction(node, "its field record is none that ingest writes"))?;
+            .with_record(node, |bytes| {
+                FieldRecord::read(&mut ByteReader::new(bytes.get(place..)?))
+            })?
+            .ok_or_else(|| {
+                self.contradiction(node, "its field record is none that ingest writes")
+            })?;
         let end = record.offset.checked_add(u64::from(record.stored_bytes));
         let stored = record.stored_bytes != 0;
         if end.is_none_or(|end| end > self.header.index_offset)
@@ -197,7 +201,8 @@ impl<'c> Cursor<'c> {
             let sound = record.first_child == 0 && record.descendants == 0;
             return if sound { Ok(()) } else { Err(self.contradiction(node, "a child too many")) };
         }
-        let next = self.header.levels.get(level + 1).map(|l| (l.first_node, l.first_node + l.nodes));
+        let next =
+            self.header.levels.get(level + 1).map(|l| (l.first_node, l.first_node + l.nodes));
         let end = record.first_child.checked_add(count);
         let inside = next.is_some_and(|(first, last)| {
             record.first_child >= first && end.is_some_and(|end| end <= last)

@@ -52,9 +52,8 @@ impl Cache {
     /// Whether the file at `path` begins as a cache does.
     pub fn is_cache(path: &Path) -> bool {
         let mut magic = [0; MAGIC.len()];
-        File::open(path).is_ok_and(|file| {
-            file.read_exact_at(&mut magic, 0).is_ok() && magic == MAGIC
-        })
+        File::open(path)
+            .is_ok_and(|file| file.read_exact_at(&mut magic, 0).is_ok() && magic == MAGIC)
     }
 
     /// The file.

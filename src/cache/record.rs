@@ -34,9 +34,8 @@ impl NodeRecord {
     /// Index of the child in octant `octant` (`x + 2y + 4z`), if there is one.
     pub fn child(&self, octant: u8) -> Option<u64> {
         let bit = 1u8 << octant;
-        (self.child_mask & bit != 0).then(|| {
-            self.first_child + u64::from((self.child_mask & (bit - 1)).count_ones())
-        })
+        (self.child_mask & bit != 0)
+            .then(|| self.first_child + u64::from((self.child_mask & (bit - 1)).count_ones()))
     }
 
     pub(crate) fn write(&self, bytes: &mut ByteWriter) {

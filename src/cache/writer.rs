@@ -49,9 +49,8 @@ impl Writer {
     ) -> Result<()> {
         self.write(stored)?;
         record.offset = self.end;
-        record.stored_bytes = u32::try_from(stored.len()).map_err(|_| {
-            Error::invalid(self.target.display(), "a payload is longer than 4 GiB")
-        })?;
+        record.stored_bytes = u32::try_from(stored.len())
+            .map_err(|_| Error::invalid(self.target.display(), "a payload is longer than 4 GiB"))?;
         record.checksum = checksum_at(payload_place(node, field), stored);
         self.end += stored.len() as u64;
         Ok(())

@@ -94,7 +94,8 @@ fn table(header: &Header, directory: &Path, output: &mut Output) -> Result<()> {
     let covering: f64 = header.domain.root_cells().map(|n| n as f64 * fine).iter().product();
     let cells: u64 = simulated().map(|level| level.cells).sum();
     let source = folder_bytes(&directory.join("simulation"));
-    let row = |name: &str, adaptive: String, grid: String| format!("{name:<28}{adaptive:>20}{grid:>24}");
+    let row =
+        |name: &str, adaptive: String, grid: String| format!("{name:<28}{adaptive:>20}{grid:>24}");
     output.line("")?;
     output.line(row("", "brick cache".into(), "covering grid".into()))?;
     output.line(row("levels", format!("0 to {deepest}"), format!("one, at level {deepest}")))?;
@@ -103,7 +104,9 @@ fn table(header: &Header, directory: &Path, output: &mut Output) -> Result<()> {
     output.line(row("file", size::show(header.file_bytes), grid_bytes))?;
     output.line(row("simulation output", size::show(source), String::new()))?;
     output.line("")?;
-    let row = |name: &str, outside: String, inside: String| format!("{name:<28}{outside:>20}{inside:>24}");
+    let row = |name: &str, outside: String, inside: String| {
+        format!("{name:<28}{outside:>20}{inside:>24}")
+    };
     output.line(row("", "from outside".into(), "from inside".into()))?;
     let stats = [stats(&directory.join("outside.json"))?, stats(&directory.join("inside.json"))?];
     let mut line = |name: &str, show: &dyn Fn(&Value) -> String| {

@@ -127,9 +127,20 @@ fn field_facts(field: &CachedField) -> Value {
 
 fn print(facts: &Value, output: &mut Output) -> Result<()> {
     let text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-    for key in ["path", "kind", "format", "time", "max_level", "refinement_factors", "grids",
-        "cells", "leaf_cells", "brick_edge", "bricks", "checksum"]
-    {
+    for key in [
+        "path",
+        "kind",
+        "format",
+        "time",
+        "max_level",
+        "refinement_factors",
+        "grids",
+        "cells",
+        "leaf_cells",
+        "brick_edge",
+        "bricks",
+        "checksum",
+    ] {
         if let Some(value) = facts.get(key) {
             output.line(format!("{key}: {}", text(value)))?;
         }

@@ -51,7 +51,8 @@ pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
     // A panic is a fault of the program; a user gets one line about it all the same.
     panic::set_hook(Box::new(|fault| {
-        let place = fault.location().map_or_else(String::new, |l| format!("{}:{}", l.file(), l.line()));
+        let place =
+            fault.location().map_or_else(String::new, |l| format!("{}:{}", l.file(), l.line()));
         eprintln!("error: internal fault at {place}: please report it with the command you ran");
     }));
     let outcome = panic::catch_unwind(|| match &arguments.command {

@@ -50,8 +50,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut record = csv::StringRecord::new();
     while reader.read_record(&mut record).map_err(|error| wrong(arguments, &error.to_string()))? {
         let line = record.position().map_or(0, csv::Position::line);
-        let point = parse(&record)
-            .map_err(|error| wrong(arguments, &format!("line {line}: {error}")))?;
+        let point =
+            parse(&record).map_err(|error| wrong(arguments, &format!("line {line}: {error}")))?;
         let (level, value) = match probe.at(&point)? {
             Some(found) => (i64::from(found.level), found.value),
             None => (-1, f64::NAN),

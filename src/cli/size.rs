@@ -51,7 +51,8 @@ mod tests {
         assert_eq!(parse("1.5 GiB"), Ok(3 << 29));
         assert_eq!(parse("500MB"), Ok(500_000_000));
         assert_eq!(parse("4096"), Ok(4096));
-        for wrong in ["", "MiB", "1 fathom", "-1MiB", "1e3", "1.2.3GiB", "99999999999999999999TiB"] {
+        for wrong in ["", "MiB", "1 fathom", "-1MiB", "1e3", "1.2.3GiB", "99999999999999999999TiB"]
+        {
             assert!(parse(wrong).is_err(), "{wrong}");
         }
         assert_eq!(show(1536), "1.5 KiB");

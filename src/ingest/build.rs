@@ -116,7 +116,13 @@ impl LevelBuilder<'_> {
             let coordinates = match (from_grids, from_children) {
                 (None, None) => break,
                 (Some(one), None) | (None, Some(one)) => one,
-                (Some(a), Some(b)) => if morton::compare(&a, &b).is_le() { a } else { b },
+                (Some(a), Some(b)) => {
+                    if morton::compare(&a, &b).is_le() {
+                        a
+                    } else {
+                        b
+                    }
+                }
             };
             jobs.push(self.job(coordinates, overlaps)?);
         }

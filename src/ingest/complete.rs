@@ -77,8 +77,7 @@ impl Completion<'_> {
         bricks: &StoredBricks<'_>,
         scratch: &mut Scratch,
     ) -> Result<Finished> {
-        let mut finished =
-            Finished { draft: Draft::default(), payloads: Vec::new(), blocks: 0 };
+        let mut finished = Finished { draft: Draft::default(), payloads: Vec::new(), blocks: 0 };
         finished.draft.node = self.node_record(hood)?;
         for field in 0..self.header.fields.len() {
             let gatherer = Gatherer {

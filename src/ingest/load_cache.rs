@@ -98,11 +98,12 @@ mod tests {
         let cache = LoadCache::new(4 * 10);
         let loads = std::cell::Cell::new(0);
         let get = |key: u32| {
-            *cache.get(key, 10, || {
-                loads.set(loads.get() + 1);
-                Ok(key * 2)
-            })
-            .unwrap()
+            *cache
+                .get(key, 10, || {
+                    loads.set(loads.get() + 1);
+                    Ok(key * 2)
+                })
+                .unwrap()
         };
         for key in 0..4 {
             assert_eq!((get(key), get(key)), (key * 2, key * 2));

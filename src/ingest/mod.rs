@@ -38,8 +38,8 @@ use build::Built;
 use cells::SourceCells;
 use complete::Completion;
 use overlaps::Layout;
-use plan::Plan;
 pub use plan::DEFAULT_MEMORY;
+use plan::Plan;
 pub use progress::{Progress, Stage};
 
 /// What to ingest, and how.
@@ -121,9 +121,7 @@ pub fn survey(
     options: &Options,
     progress: &mut Progress<'_>,
 ) -> Result<Header> {
-    in_pool(options.threads, || {
-        Ok(survey_in(source, directory, options, false, progress)?.header)
-    })
+    in_pool(options.threads, || Ok(survey_in(source, directory, options, false, progress)?.header))
 }
 
 fn in_pool<T: Send>(threads: Option<usize>, run: impl FnOnce() -> Result<T> + Send) -> Result<T> {
@@ -227,10 +225,7 @@ fn rules(options: &Options, domain: &Domain) -> Result<Rules> {
 fn region(corners: &[[Decimal; 3]; 2], domain: &Domain) -> Result<IndexBox> {
     let [lo, hi] = [domain.position(&corners[0])?, domain.position(&corners[1])?];
     let shift = FRACTION_BITS - MAX_OCTREE_LEVEL;
-    let region = IndexBox {
-        lo: lo.0.map(|c| c >> shift),
-        hi: hi.0.map(|c| -((-c) >> shift)),
-    };
+    let region = IndexBox { lo: lo.0.map(|c| c >> shift), hi: hi.0.map(|c| -((-c) >> shift)) };
     let upper = domain.upper().0.map(|c| c >> shift);
     if region.intersection(&IndexBox { lo: [0; 3], hi: upper }).is_empty() {
         return Err(Error::request(

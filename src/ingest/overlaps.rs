@@ -147,17 +147,19 @@ pub(super) fn lay_out(
 }
 
 /// The grid's octree level, once its box is seen to lie in the domain.
-fn check_grid(source: &dyn Source, domain: &Domain, levels: &Levels, grid: &GridRecord) -> Result<u32> {
+fn check_grid(
+    source: &dyn Source,
+    domain: &Domain,
+    levels: &Levels,
+    grid: &GridRecord,
+) -> Result<u32> {
     let refuse = |reason: String| {
         Err(Error::invalid(source.path().display(), format!("grid {}: {reason}", grid.id)))
     };
     let Some(octree) = levels.octree(grid.level as usize) else {
         return refuse(format!("level {} is beyond the output's levels", grid.level));
     };
-    let all = IndexBox {
-        lo: [0; 3],
-        hi: domain.root_cells().map(|n| i128::from(n) << octree),
-    };
+    let all = IndexBox { lo: [0; 3], hi: domain.root_cells().map(|n| i128::from(n) << octree) };
     if grid.cells().is_empty() || !all.contains(&grid.cells()) {
         return refuse(format!(
             "cells {:?} to {:?} of level {} do not lie in the domain",

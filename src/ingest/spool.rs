@@ -30,9 +30,9 @@ impl Spool {
     /// Appends `bytes`; where they begin.
     pub(super) fn append(&mut self, bytes: &[u8]) -> Result<u64> {
         let start = self.length;
-        self.writer.write_all(bytes).map_err(|source| {
-            Error::io(&self.directory, "cannot write temporary data", source)
-        })?;
+        self.writer
+            .write_all(bytes)
+            .map_err(|source| Error::io(&self.directory, "cannot write temporary data", source))?;
         self.length += bytes.len() as u64;
         Ok(start)
     }

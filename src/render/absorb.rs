@@ -1,8 +1,8 @@
 //! Emission and absorption where the mapped value is a polynomial along the ray.
 
 use super::polynomial::Polynomial;
-use super::ray_state::{RayState, mean_transmittance};
-use super::transfer_pieces::{Piece, TransferPieces};
+use super::ray_state::{Accuracy, RayState, mean_transmittance};
+use super::transfer_pieces::{Piece, PieceList, TransferPieces};
 
 /// A stretch is halved this often at most in search of the transfer function's bends; what is
 /// left then is 2⁻²⁰ of it, and as flat as an extremum.
@@ -33,14 +33,34 @@ const GAUSS_8: [[f64; 2]; 8] = [
     [0.980_144_928_248_768_1, 0.050_614_268_145_188_13],
 ];
 
+/// From this relative accuracy on, single entries of a colour map are not told apart.
+const LOOSE: f64 = 1e-4;
+
 /// Adds stretches of ray, front to back, to a ray's sums.
 pub(super) struct Integrator<'a> {
-    pub(super) pieces: &'a TransferPieces,
-    pub(super) state: &'a mut RayState,
+    /// The pieces that stretches are cut into.
+    pub(super) pieces: &'a PieceList,
+    /// Pieces in which emission is what they say.
+    all: &'a PieceList,
+    state: &'a mut RayState,
     /// Most light that the rest of the march can add before it is absorbed.
-    pub(super) brightest: f64,
+    brightest: f64,
     /// Stretches integrated.
     pub(super) count: u64,
+}
+
+impl<'a> Integrator<'a> {
+    /// An integrator for at most `length` code lengths.
+    pub(super) fn new(
+        pieces: &'a TransferPieces,
+        accuracy: &Accuracy,
+        length: f64,
+        state: &'a mut RayState,
+    ) -> Self {
+        let cut = if accuracy.relative < LOOSE { &pieces.all } else { &pieces.knots };
+        let brightest = pieces.largest_emission() * length;
+        Self { pieces: cut, all: &pieces.all, state, brightest, count: 0 }
+    }
 }
 
 impl Integrator<'_> {
@@ -58,7 +78,7 @@ impl Integrator<'_> {
     fn search<const N: usize>(&mut self, x: &Polynomial<N>, length: f64, halvings: u32) {
         let points = x.control_points();
         let [low, high] = range(&points);
-        let piece = self.pieces.piece(self.pieces.find(low));
+        let piece = self.pieces.at(low);
         if high < piece.end {
             return self.within(x, piece, [low, high], length);
         }
@@ -88,8 +108,8 @@ impl Integrator<'_> {
                 (_, false) => x.solve(piece.start, from),
             };
             if to - from < SHORTEST_PART {
-                let middle = x.at(0.5 * (from + to)).clamp(piece.start, piece.end);
-                self.pass(piece, middle, (to - from) * length);
+                let middle = x.at(0.5 * (from + to)).clamp(piece.start, piece.end.next_down());
+                self.constant(middle, (to - from) * length);
             } else if !piece.is_transparent {
                 let part = x.part(from, to);
                 self.within(&part, piece, range(&part.control_points()), (to - from) * length);
@@ -104,10 +124,7 @@ impl Integrator<'_> {
 
     /// A stretch of constant `x`.
     pub(super) fn constant(&mut self, x: f64, length: f64) {
-        self.pass(self.pieces.piece(self.pieces.find(x)), x, length);
-    }
-
-    fn pass(&mut self, piece: &Piece, x: f64, length: f64) {
+        let piece = self.all.at(x);
         if !piece.is_transparent {
             self.count += 1;
             self.state.pass(piece.extinction(x), piece.emission(x), length);
@@ -154,8 +171,7 @@ impl Integrator<'_> {
         }
     }
 
-    /// Extinction is linear in x, so the optical depth is a polynomial, exact; emission is
-    /// quadratic, so its three moments under the transmittance are all that is summed.
+    /// Extinction is linear in x, so the optical depth is a polynomial, exact.
     #[inline]
     fn quadrature<const N: usize, const R: usize>(
         &mut self,
@@ -172,23 +188,57 @@ impl Integrator<'_> {
             let constant = if power == 0 { k0 } else { 0.0 };
             *coefficient = length * (constant + k1 * *coefficient) / (power + 1) as f64;
         }
-        let mut moments = [0.0; 3];
-        for &[s, weight] in rule {
-            let (x, share) = (d.at(s), weight * transmittance(s * depth.at(s)));
-            moments[0] += share;
-            moments[1] += share * x;
-            moments[2] += share * x * x;
-        }
         let scale = self.state.transmittance * length;
-        for (c, sum) in self.state.radiance.iter_mut().enumerate() {
-            let emission = &piece.emission;
-            *sum += scale
-                * (moments[0] * emission[0][c]
-                    + moments[1] * emission[1][c]
-                    + moments[2] * emission[2][c]);
+        let light = if piece.bends {
+            self.bent_light(&d, piece.origin, &depth, rule)
+        } else {
+            light(&d, piece, &depth, rule)
+        };
+        for (sum, light) in self.state.radiance.iter_mut().zip(light) {
+            *sum += scale * light;
         }
         self.state.transmittance *= transmittance(depth.at(1.0));
     }
+
+    /// [`light`] with the emission looked up at every node.
+    #[cold]
+    fn bent_light<const N: usize, const R: usize>(
+        &self,
+        d: &Polynomial<N>,
+        origin: f64,
+        depth: &Polynomial<N>,
+        rule: &[[f64; 2]; R],
+    ) -> [f64; 3] {
+        let mut light = [0.0; 3];
+        for &[s, weight] in rule {
+            let x = origin + d.at(s);
+            let share = weight * transmittance(s * depth.at(s));
+            for (light, emission) in light.iter_mut().zip(self.all.at(x).emission(x)) {
+                *light += share * emission;
+            }
+        }
+        light
+    }
+}
+
+/// Mean of emission times transmittance along a stretch: `d` is x from the piece's origin,
+/// s · `depth` the optical depth. Emission is quadratic, so its three moments do.
+#[inline]
+fn light<const N: usize, const R: usize>(
+    d: &Polynomial<N>,
+    piece: &Piece,
+    depth: &Polynomial<N>,
+    rule: &[[f64; 2]; R],
+) -> [f64; 3] {
+    let mut moments = [0.0; 3];
+    for &[s, weight] in rule {
+        let (x, share) = (d.at(s), weight * transmittance(s * depth.at(s)));
+        moments[0] += share;
+        moments[1] += share * x;
+        moments[2] += share * x * x;
+    }
+    let [c0, c1, c2] = &piece.emission;
+    std::array::from_fn(|c| moments[0] * c0[c] + moments[1] * c1[c] + moments[2] * c2[c])
 }
 
 /// e^−depth, at most 1.

@@ -3,7 +3,7 @@
 use super::absorb::Integrator;
 use super::frame::LocalRay;
 use super::march::Region;
-use super::ray_state::RayState;
+use super::ray_state::{Accuracy, RayState};
 use super::scaled::ScaledBrick;
 use super::transfer_pieces::TransferPieces;
 use super::walk::Walk;
@@ -21,8 +21,8 @@ pub(super) fn march_cells(
     let lo = region.lo.map(|x| x.floor() as i32);
     let hi = std::array::from_fn(|a| (region.hi[a].ceil() as i32 - 1).max(lo[a]));
     let mut walk = Walk::new(ray, span, 0.0, lo, hi);
-    let brightest = pieces.largest_emission() * (span.1 - span.0) * ray.length;
-    let mut integrator = Integrator { pieces, state, brightest, count: 0 };
+    let length = (span.1 - span.0) * ray.length;
+    let mut integrator = Integrator::new(pieces, &Accuracy { relative: 0.0 }, length, state);
     // Equal neighbours make one stretch: the closed form is the same and costs once.
     let (mut x, mut from, mut to) = (f32::NAN, span.0, span.0);
     while let Some(step) = walk.next() {

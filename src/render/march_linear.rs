@@ -24,12 +24,11 @@ pub(super) fn march_linear(
     accuracy: &Accuracy,
     state: &mut RayState,
 ) -> u64 {
-    let _ = accuracy;
     let lo = region.lo.map(|x| (x + 0.5).floor() as i32);
     let hi = std::array::from_fn(|a| ((region.hi[a] + 0.5).ceil() as i32 - 1).max(lo[a]));
     let mut walk = Walk::new(ray, span, 0.5, lo, hi);
-    let brightest = pieces.largest_emission() * (span.1 - span.0) * ray.length;
-    let mut integrator = Integrator { pieces, state, brightest, count: 0 };
+    let length = (span.1 - span.0) * ray.length;
+    let mut integrator = Integrator::new(pieces, accuracy, length, state);
     while let Some(step) = walk.next() {
         if integrator.is_faded() {
             break;
@@ -64,7 +63,7 @@ fn march_plain(brick: &ScaledBrick, ray: &LocalRay, step: &Step, integrator: &mu
     let corners = [a[0], a[1], b[0], b[1], c[0], c[1], d[0], d[1]];
     let low = f64::from(corners.iter().copied().fold(f32::INFINITY, f32::min));
     let high = f64::from(corners.iter().copied().fold(f32::NEG_INFINITY, f32::max));
-    let piece = integrator.pieces.piece(integrator.pieces.find(low));
+    let piece = integrator.pieces.at(low);
     let fits = high < piece.end;
     if fits && piece.is_transparent {
         return;

@@ -17,6 +17,8 @@ pub(super) struct Piece {
     pub(super) end: f64,
     /// Whether nothing is emitted or absorbed in it.
     pub(super) is_transparent: bool,
+    /// Whether the emission bends inside, so that `emission` is not what it is.
+    pub(super) bends: bool,
     /// Where the formulas' own variable d = x − origin is 0.
     pub(super) origin: f64,
     /// κ = c0 + c1 d, 1 / code length.
@@ -45,6 +47,7 @@ impl Piece {
             start,
             end,
             is_transparent: k == 0.0 && j == [0.0; 3],
+            bends: false,
             origin: start.max(0.0),
             extinction: [k, 0.0],
             emission: [j, [0.0; 3], [0.0; 3]],
@@ -66,6 +69,7 @@ impl Piece {
             start,
             end,
             is_transparent: [k0, k1] == [0.0; 2] && [j0, jm, j1] == [[0.0; 3]; 3],
+            bends: false,
             origin: start,
             extinction: [k0, (k1 - k0) / width],
             emission: [j0, std::array::from_fn(linear), std::array::from_fn(quadratic)],
@@ -73,41 +77,16 @@ impl Piece {
     }
 }
 
-/// All pieces over the whole axis of x; below 0 and from 1 on they are constant.
+/// Pieces over the whole axis of x; below 0 and from 1 on they are constant.
 #[derive(Debug, Clone, PartialEq)]
-pub struct TransferPieces {
+pub(super) struct PieceList {
     pieces: Vec<Piece>,
     /// For each bucket the piece that holds its lower edge.
     first: Vec<u32>,
-    largest_emission: f64,
 }
 
-impl TransferPieces {
-    /// Cuts `transfer` into its pieces, those of a named colour map included.
-    pub fn new(transfer: &TransferFunction) -> Self {
-        let sample = |x: f64| (transfer.extinction(x), transfer.emission(x));
-        Self::from_samples(transfer.knots(), &sample, transfer.largest_emission())
-    }
-
-    /// The pieces of any function that is piecewise of this kind with bends and steps at `knots`
-    /// and bends, perhaps, at n / 255.
-    fn from_samples(
-        knots: &[f64],
-        sample: &impl Fn(f64) -> (f64, [f64; 3]),
-        largest_emission: f64,
-    ) -> Self {
-        let inside = |x: &f64| *x > 0.0 && *x < 1.0;
-        let mut cuts = vec![0.0, 1.0];
-        cuts.extend(knots.iter().copied().filter(inside));
-        cuts.sort_by(f64::total_cmp);
-        cuts.dedup();
-        let bends: Vec<f64> = (1..COLOR_MAP_ENTRIES - 1)
-            .map(|n| f64::from(n) / f64::from(COLOR_MAP_ENTRIES - 1))
-            .filter(|x| bends_at(*x, &cuts, sample, largest_emission))
-            .collect();
-        cuts.extend(bends);
-        cuts.sort_by(f64::total_cmp);
-        cuts.dedup();
+impl PieceList {
+    fn new(cuts: &[f64], sample: &impl Fn(f64) -> (f64, [f64; 3])) -> Self {
         let mut pieces = vec![Piece::constant(f64::NEG_INFINITY, 0.0, sample(0.0))];
         pieces.extend(cuts.windows(2).map(|ends| Piece::between(ends[0], ends[1], sample)));
         pieces.push(Piece::constant(1.0, f64::INFINITY, sample(1.0)));
@@ -116,12 +95,7 @@ impl TransferPieces {
             .map(|edge| pieces.partition_point(|p| p.start <= edge).saturating_sub(1))
             .map(|index| u32::try_from(index).unwrap_or(u32::MAX))
             .collect();
-        Self { pieces, first, largest_emission }
-    }
-
-    /// An upper bound of the emission of any channel, radiance / code length.
-    pub fn largest_emission(&self) -> f64 {
-        self.largest_emission
+        Self { pieces, first }
     }
 
     /// Piece number `index`.
@@ -146,6 +120,62 @@ impl TransferPieces {
         }
         index
     }
+
+    /// The piece that holds `x`.
+    #[inline]
+    pub(super) fn at(&self, x: f64) -> &Piece {
+        self.piece(self.find(x))
+    }
+}
+
+/// The transfer function, cut at all its bends and steps, and at those of a colour map's entries
+/// apart from the rest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TransferPieces {
+    /// Cut at every bend.
+    pub(super) all: PieceList,
+    /// Cut at the scene's own knots alone: what pieces say of emission is true only if their
+    /// emission does not bend.
+    pub(super) knots: PieceList,
+    largest_emission: f64,
+}
+
+impl TransferPieces {
+    /// Cuts `transfer` into its pieces, those of a named colour map included.
+    pub fn new(transfer: &TransferFunction) -> Self {
+        let sample = |x: f64| (transfer.extinction(x), transfer.emission(x));
+        let inside = |x: &f64| *x > 0.0 && *x < 1.0;
+        let mut cuts = vec![0.0, 1.0];
+        cuts.extend(transfer.knots().iter().copied().filter(inside));
+        sort(&mut cuts);
+        let mut all_cuts = cuts.clone();
+        all_cuts.extend(
+            (1..COLOR_MAP_ENTRIES - 1)
+                .map(|n| f64::from(n) / f64::from(COLOR_MAP_ENTRIES - 1))
+                .filter(|x| bends_at(*x, &cuts, &sample, transfer.largest_emission())),
+        );
+        sort(&mut all_cuts);
+        let mut knots = PieceList::new(&cuts, &sample);
+        for piece in &mut knots.pieces {
+            let next = all_cuts.partition_point(|cut| *cut <= piece.start);
+            piece.bends = all_cuts.get(next).is_some_and(|cut| *cut < piece.end && *cut > 0.0);
+            // Emission may vanish at the ends and in the middle of a piece that bends.
+            piece.is_transparent &= transfer
+                .is_transparent(piece.start, piece.end.min(1.0).next_down().max(piece.start));
+        }
+        let all = PieceList::new(&all_cuts, &sample);
+        Self { all, knots, largest_emission: transfer.largest_emission() }
+    }
+
+    /// An upper bound of the emission of any channel, radiance / code length.
+    pub fn largest_emission(&self) -> f64 {
+        self.largest_emission
+    }
+}
+
+fn sort(cuts: &mut Vec<f64>) {
+    cuts.sort_by(f64::total_cmp);
+    cuts.dedup();
 }
 
 /// Whether the emission stops being one quadratic at `x`, a place between `cuts`.

@@ -1,0 +1,236 @@
+//! The march against sums of many tiny steps, and at extremes.
+
+use glam::DVec3;
+
+use super::frame::LocalRay;
+use super::interpolant::DrawnNeighbours;
+use super::march::{Region, march};
+use super::ray_state::{Accuracy, RayState};
+use super::scaled::ScaledBrick;
+use super::test_data::{TestCut, TestData, linear, rough};
+use super::transfer_pieces::TransferPieces;
+use crate::scene::{ColorMap, ColorTable, Interpolation, PiecewiseLinear, TransferFunction};
+
+const EXACT: Accuracy = Accuracy { relative: 0.0 };
+
+fn table(points: &[(f64, f64)]) -> PiecewiseLinear {
+    PiecewiseLinear::new(&points.iter().map(|&(x, y)| (x, [y])).collect::<Vec<_>>()).unwrap()
+}
+
+fn transfer(absorption: &[(f64, f64)], emission: &[(f64, f64)]) -> TransferFunction {
+    let color = ColorTable::Map(ColorMap::named("viridis").unwrap());
+    TransferFunction::from_tables(&table(absorption), &table(emission), &color)
+}
+
+fn smooth() -> TransferFunction {
+    transfer(&[(0.0, 0.0), (1.0, 3.0)], &[(0.1, 0.0), (0.6, 5.0), (1.0, 1.0)])
+}
+
+/// Opaque shells.
+fn shells() -> TransferFunction {
+    let shells = [(0.3, 0.0), (0.31, 40.0), (0.32, 0.0), (0.6, 0.0), (0.62, 25.0), (0.64, 0.0)];
+    transfer(&shells, &shells)
+}
+
+/// A shell with sharp sides.
+fn steps() -> TransferFunction {
+    let steps = [(0.6, 0.0), (0.6, 2.0), (0.7, 3.0), (0.7, 0.5)];
+    transfer(&steps, &[(0.55, 0.0), (0.55, 1.0), (0.65, 1.0), (0.65, 0.2)])
+}
+
+fn ray(origin: [f64; 3], direction: [f64; 3], length: f64) -> LocalRay {
+    LocalRay {
+        origin: DVec3::from_array(origin),
+        direction: DVec3::from_array(direction),
+        length,
+        sigma_min: f64::NEG_INFINITY,
+    }
+}
+
+/// Through the middle, along an axis exactly on faces, on a diagonal through corners, grazing.
+fn rays() -> Vec<LocalRay> {
+    vec![
+        ray([4.0, 4.1, 3.9], [1.0, 0.37, -0.21], 0.4),
+        ray([3.0, 2.0, 5.0], [0.0, 1.0, 0.0], 0.2),
+        ray([4.0, 4.0, 4.0], [-1.0, -1.0, 1.0], 0.3),
+        ray([3.5, 2.5, 0.0], [0.0, 0.0, -2.0], 0.5),
+        ray([0.01, 7.9, 4.0], [0.02, 0.3, 1.0], 0.3),
+        ray([7.3, 0.2, 7.7], [-0.9, 1.1, -0.8], 1.0),
+    ]
+}
+
+fn whole(brick: &ScaledBrick) -> Region {
+    Region { lo: [0.0; 3], hi: [brick.edge as f64; 3] }
+}
+
+fn marched(
+    brick: &ScaledBrick,
+    drawn: DrawnNeighbours,
+    ray: &LocalRay,
+    transfer: &TransferFunction,
+) -> RayState {
+    let mut state = RayState::default();
+    let pieces = TransferPieces::new(transfer);
+    march(brick, &whole(brick), drawn, ray, &pieces, &EXACT, &mut state);
+    state
+}
+
+/// Midpoint steps through `value_at`.
+fn stepped(
+    brick: &ScaledBrick,
+    drawn: DrawnNeighbours,
+    ray: &LocalRay,
+    transfer: &TransferFunction,
+) -> RayState {
+    const STEPS: u32 = 400_000;
+    let mut state = RayState::default();
+    let Some((from, to)) = super::walk::clip(ray, whole(brick).lo, whole(brick).hi) else {
+        return state;
+    };
+    let step = (to - from) / f64::from(STEPS);
+    for n in 0..STEPS {
+        let at = from + (f64::from(n) + 0.5) * step;
+        let x = brick.value_at(ray.origin + ray.direction * at, drawn);
+        if !x.is_nan() {
+            state.pass(transfer.extinction(x), transfer.emission(x), step * ray.length);
+        }
+    }
+    state
+}
+
+fn assert_close(found: &RayState, expected: &RayState, tolerance: f64, what: &str) {
+    let largest = expected.radiance.iter().copied().fold(1e-300, f64::max);
+    for c in 0..3 {
+        let error = (found.radiance[c] - expected.radiance[c]).abs() / largest;
+        assert!(error < tolerance, "{what}: {found:?} {expected:?} {error}");
+    }
+    assert!((found.transmittance - expected.transmittance).abs() < tolerance, "{what}");
+}
+
+#[test]
+fn linear_equals_tiny_steps_beside_every_kind_of_border() {
+    let data = TestData::new(rough);
+    let cut = TestCut::new(&data, 8, |level, at| level < 2 || at[1] < 3 && at[2] < 4);
+    for (level, at) in
+        [(0, [1, 0, 1]), (1, [1, 0, 1]), (2, [2, 1, 2]), (3, [4, 3, 5]), (3, [4, 5, 6])]
+    {
+        let brick = data.brick(level, at, 8, Interpolation::Linear);
+        let drawn = cut.drawn(level, at);
+        for (n, ray) in rays().iter().enumerate() {
+            for (name, transfer, tolerance) in
+                [("smooth", smooth(), 1e-8), ("shells", shells(), 1e-6), ("steps", steps(), 1e-4)]
+            {
+                let what = format!("{name}, level {level} {at:?}, ray {n}");
+                let found = marched(&brick, drawn, ray, &transfer);
+                assert_close(&found, &stepped(&brick, drawn, ray, &transfer), tolerance, &what);
+            }
+        }
+    }
+}
+
+#[test]
+fn cell_equals_tiny_steps_and_holes_show_their_owner() {
+    let data = TestData::new(rough);
+    for (level, at) in [(1, [1, 0, 1]), (3, [4, 3, 5])] {
+        let brick = data.brick(level, at, 8, Interpolation::Cell);
+        for (n, ray) in rays().iter().enumerate() {
+            let found = marched(&brick, DrawnNeighbours::ALL, ray, &smooth());
+            let expected = stepped(&brick, DrawnNeighbours::ALL, ray, &smooth());
+            assert_close(&found, &expected, 2e-5, &format!("level {level} ray {n}"));
+        }
+    }
+    let brick = data.brick(2, [2, 1, 2], 8, Interpolation::Cell);
+    let (hole, owner) = (DVec3::new(2.5, 3.5, 3.5), data.value(1, [9, 5, 9]));
+    assert!(!data.exists(1, [9, 5, 9]) && !data.exists(2, [18, 11, 19]));
+    let root = data.value(0, [4, 2, 4]);
+    assert_ne!(owner, root);
+    assert_eq!(brick.value_at(hole, DrawnNeighbours::ALL), f64::from(root));
+}
+
+#[test]
+fn colour_maps_taken_as_a_whole_stay_close() {
+    let data = TestData::new(rough);
+    let brick = data.brick(3, [4, 3, 5], 8, Interpolation::Linear);
+    let (loose, pieces) = (Accuracy { relative: 1e-3 }, TransferPieces::new(&smooth()));
+    for ray in rays() {
+        let mut state = RayState::default();
+        march(&brick, &whole(&brick), DrawnNeighbours::ALL, &ray, &pieces, &loose, &mut state);
+        let exact = marched(&brick, DrawnNeighbours::ALL, &ray, &smooth());
+        assert_close(&state, &exact, 1e-4, "loose");
+        assert!((state.transmittance / exact.transmittance - 1.0).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn octants_add_up_to_the_whole() {
+    let data = TestData::new(rough);
+    let pieces = TransferPieces::new(&shells());
+    for interpolation in [Interpolation::Linear, Interpolation::Cell] {
+        let brick = data.brick(3, [4, 3, 5], 8, interpolation);
+        for ray in rays() {
+            let all = marched(&brick, DrawnNeighbours::ALL, &ray, &shells());
+            let mut state = RayState::default();
+            let mask = (0..3).fold(0, |m, a| m | usize::from(ray.direction[a] < 0.0) << a);
+            for n in 0..8 {
+                let lo = std::array::from_fn(|a| if (n ^ mask) >> a & 1 == 1 { 4.0 } else { 0.0 });
+                let region = Region { lo, hi: lo.map(|x| x + 4.0) };
+                march(&brick, &region, DrawnNeighbours::ALL, &ray, &pieces, &EXACT, &mut state);
+            }
+            assert_close(&state, &all, 1e-10, "octants");
+        }
+    }
+}
+
+#[test]
+fn a_linear_function_has_its_analytic_integral() {
+    let data = TestData::one_level(linear);
+    let brick = data.brick(0, [0, 0, 0], 8, Interpolation::Linear);
+    let linear_emission = transfer(&[(0.0, 0.0)], &[(0.0, 0.0), (1.0, 1.0)]);
+    let white = ColorTable::List(PiecewiseLinear::new(&[(0.0, [1.0; 3])]).unwrap());
+    let white = TransferFunction::from_tables(
+        &table(&[(0.0, 0.0), (1.0, 2.0)]),
+        &table(&[(0.0, 0.0), (1.0, 2.0)]),
+        &white,
+    );
+    let ray = ray([1.0, 1.5, 2.0], [0.3, 0.8, 0.7], 0.7);
+    let region = Region { lo: [1.0, 1.0, 1.0], hi: [7.0, 7.0, 7.0] };
+    let mut state = RayState::default();
+    let pieces = TransferPieces::new(&white);
+    march(&brick, &region, DrawnNeighbours::ALL, &ray, &pieces, &EXACT, &mut state);
+    // σ from 0 (z would enter at −1.43, y at −0.625, x at 0) to 5.5 / 0.8.
+    let to = 5.5 / 0.8;
+    let x = |s: f64| super::test_data::linear_at([1.0 + 0.3 * s, 1.5 + 0.8 * s, 2.0 + 0.7 * s]);
+    let depth = 2.0 * 0.5 * (x(0.0) + x(to)) * to * 0.7;
+    assert!((state.transmittance - (-depth).exp()).abs() < 1e-7);
+    assert!((state.radiance[1] - (1.0 - (-depth).exp())).abs() < 1e-7);
+    assert!(marched(&brick, DrawnNeighbours::ALL, &ray, &linear_emission).transmittance == 1.0);
+}
+
+#[test]
+fn extremes_stay_finite() {
+    let data = TestData::new(rough);
+    let opaque = transfer(&[(0.2, 0.0), (0.2, 1e30)], &[(0.0, 1e30)]);
+    let bright = transfer(&[(0.0, 0.0)], &[(0.0, 1e30), (1.0, 1e30)]);
+    let wall = transfer(&[(0.0, 1e6), (1.0, 1e6)], &[(0.0, 1e6), (1.0, 1e6)]);
+    for interpolation in [Interpolation::Linear, Interpolation::Cell] {
+        let brick = data.brick(3, [4, 3, 5], 8, interpolation);
+        for ray in rays() {
+            for transfer in [&opaque, &bright] {
+                let state = marched(&brick, DrawnNeighbours::ALL, &ray, transfer);
+                assert!(state.radiance.iter().all(|c| c.is_finite() && *c >= 0.0), "{state:?}");
+                assert!((0.0..=1.0).contains(&state.transmittance));
+            }
+            let state = marched(&brick, DrawnNeighbours::ALL, &ray, &wall);
+            let x = brick.value_at(entry(&brick, &ray), DrawnNeighbours::ALL);
+            let expected = wall.emission(x)[1] / 1e6;
+            assert!(state.transmittance < 1e-12);
+            assert!((state.radiance[1] - expected).abs() < 1e-4, "{state:?} {expected}");
+        }
+    }
+}
+
+/// Just inside where the ray enters.
+fn entry(brick: &ScaledBrick, ray: &LocalRay) -> DVec3 {
+    let (from, to) = super::walk::clip(ray, whole(brick).lo, whole(brick).hi).unwrap();
+    ray.origin + ray.direction * (from + 1e-9 * (to - from))
+}
