@@ -288,6 +288,25 @@ fn the_line_integral_is_that_of_the_interpolant() -> Outcome<()> {
 }
 
 #[test]
+fn a_large_unit_of_the_field_changes_nothing() -> Outcome<()> {
+    let source = |unit: f64| -> Outcome<MemorySource> {
+        let source = MemorySource::new([0.0; 3], [1.0; 3], [4; 3], &[])?;
+        Ok(source.grid(0, [0; 3], [4; 3], |i| unit * noise(0, i)))
+    };
+    for interpolation in ["cell", "linear"] {
+        let scene = |range: &str| {
+            let volume = IDENTITY.replace("range = [0.0, 1.0]", &format!("range = {range}"));
+            along_z("0.41", "0.3", interpolation, &volume)
+        };
+        let small = picture(&source(1.0)?, &scene("[0.1, 1.0]"))?[0];
+        let large = picture(&source(1e30)?, &scene("[1e29, 1e30]"))?[0];
+        assert!(small[3] > 0.1, "{small:?}");
+        assert!(small.iter().zip(large).all(|(a, b)| (a - b).abs() < 1e-12), "{small:?} {large:?}");
+    }
+    Ok(())
+}
+
+#[test]
 fn far_and_near_eyes_see_the_same_at_level_forty_eight() -> Outcome<()> {
     let mut source = MemorySource::new([0.0; 3], [1.0; 3], [4; 3], &[2; 48])?;
     let mut lo = [0; 3];

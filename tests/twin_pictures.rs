@@ -154,6 +154,18 @@ fn linear_pictures_are_exact() -> twin::Result<()> {
 }
 
 #[test]
+fn rays_just_below_faces_see_the_same_in_linear_pictures() -> twin::Result<()> {
+    for name in ["jumps", "offdomain"] {
+        let Some(subject) = Subject::synthetic(name)? else { continue };
+        let views = cameras::special_views(&subject.dataset, &mut Random::new(5), 5, true);
+        for view in views {
+            subject.compare(&view.lowered(), LINEAR)?;
+        }
+    }
+    Ok(())
+}
+
+#[test]
 fn telescopes_are_exact() -> twin::Result<()> {
     if let Some(real) = Subject::real("data/enzo_deep48/DD0011/DD0011")? {
         real.try_telescope()?;

@@ -60,6 +60,13 @@ pub(crate) struct View {
 }
 
 impl View {
+    /// The same view from 10⁻⁶⁰ code lengths lower along each axis: rays in a face come to lie
+    /// as little below it as positions can tell.
+    pub(crate) fn lowered(&self) -> Self {
+        let lower = |point: &[Rational; 3]| away(point, [-1.0; 3], 1e-60);
+        Self { eye: lower(&self.eye), target: lower(&self.target), ..self.clone() }
+    }
+
     /// The scene file.
     pub(crate) fn scene(&self) -> String {
         let text = |point: &[Rational; 3]| point.each_ref().map(|x| exact::to_decimal(x, DIGITS));

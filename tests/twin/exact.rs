@@ -52,10 +52,11 @@ pub(crate) fn to_double_double(value: &Rational) -> DoubleDouble {
     DoubleDouble::sum(high, rest.to_f64().unwrap_or(f64::NAN)).scaled(power)
 }
 
-/// `value` with `digits` decimal places, floored.
+/// `value` with `digits` decimal places, rounded up: what stands for a point on a cell's face
+/// lies on or above the face, and comes to lie on it where positions are floored.
 pub(crate) fn to_decimal(value: &Rational, digits: usize) -> String {
     let scale = BigInt::from(10).pow(u32::try_from(digits).unwrap_or(u32::MAX));
-    let units = (value.numer() * scale).div_floor(value.denom());
+    let units = (value.numer() * scale).div_ceil(value.denom());
     let text = format!("{:0>width$}", units.abs().to_string(), width = digits + 1);
     let (whole, fraction) = text.split_at(text.len() - digits);
     format!("{}{whole}.{fraction}", if units.is_negative() { "-" } else { "" })

@@ -139,8 +139,7 @@ fn add_value(
     value: &Polynomial,
     gathered: &mut Gathered,
 ) {
-    let per_unit = transfer.map(1.0) - transfer.map(0.0);
-    let x = value.scaled(per_unit).plus(&Polynomial::constant(transfer.map(0.0)));
+    let x = transfer.map_along(value);
     let mut cuts = vec![0.0, 1.0];
     cuts.extend(x.crossings(kinks));
     cuts.sort_by(f64::total_cmp);

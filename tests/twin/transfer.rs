@@ -1,6 +1,7 @@
 //! From a field value to extinction and radiance.
 
 use super::Result;
+use super::polynomial::Polynomial;
 
 /// How field values are scaled before they are mapped (and, in `linear` pictures, interpolated).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -117,6 +118,11 @@ impl Transfer {
     /// The mapped value of a scaled one, before it is clamped to 0 … 1.
     pub(crate) fn map(&self, scaled: f64) -> f64 {
         (scaled - self.low) / (self.high - self.low)
+    }
+
+    /// The mapped value along a stretch where the scaled one is `scaled`.
+    pub(crate) fn map_along(&self, scaled: &Polynomial) -> Polynomial {
+        scaled.plus(&Polynomial::constant(-self.low)).scaled(1.0 / (self.high - self.low))
     }
 
     /// What the medium does at the mapped value `x`.
