@@ -12,6 +12,10 @@ const MARGIN: f64 = 1e-12;
 pub struct Frame {
     /// The point of the axis, in the brick's cells from its lowest corner.
     pub(super) anchor: DVec3,
+    /// The same in units of positions, exact.
+    pub(super) anchor_units: [i128; 3],
+    /// Width of a unit of positions, in the brick's cells; a power of two.
+    pub(super) cells_per_unit: f64,
     /// Depth of that point, code length from the eye along the view direction.
     pub(super) depth: f64,
     /// Width of the brick's cells, code length.
@@ -56,20 +60,38 @@ impl Frame {
     pub fn ray(&self, plane: DVec2) -> LocalRay {
         let Basis { forward, right, up } = self.basis;
         let aside = right * plane.x + up * plane.y;
-        if self.is_perspective {
+        let mut ray = if self.is_perspective {
             let along = forward + aside;
-            return LocalRay {
+            LocalRay {
                 origin: self.anchor + aside * self.depth / self.cell_width,
                 direction: along / self.cell_width,
                 length: along.length(),
                 sigma_min: -self.depth,
-            };
+            }
+        } else {
+            LocalRay {
+                origin: self.anchor + aside / self.cell_width,
+                direction: forward / self.cell_width,
+                length: 1.0,
+                sigma_min: f64::NEG_INFINITY,
+            }
+        };
+        if ray.direction.cmpeq(DVec3::ZERO).any() {
+            self.settle(&mut ray, aside);
         }
-        LocalRay {
-            origin: self.anchor + aside / self.cell_width,
-            direction: forward / self.cell_width,
-            length: 1.0,
-            sigma_min: f64::NEG_INFINITY,
+        ray
+    }
+
+    /// Along axes that the ray does not move along, its coordinate decides which of two bricks
+    /// that share a face holds it: taken in whole units, alike in every frame, and rounded down
+    /// like positions, so that exactly one does.
+    #[cold]
+    fn settle(&self, ray: &mut LocalRay, aside: DVec3) {
+        let depth = if self.is_perspective { self.depth } else { 1.0 };
+        for a in (0..3).filter(|&a| ray.direction[a] == 0.0) {
+            let offset = aside[a] * depth / self.cell_width[a] / self.cells_per_unit;
+            let units = self.anchor_units[a].saturating_add(offset.round() as i128);
+            ray.origin[a] = rounded_down(units) * self.cells_per_unit;
         }
     }
 
@@ -118,4 +140,9 @@ impl Frame {
         }
         Some(seen)
     }
+}
+/// The largest f64 that is not above `units`.
+fn rounded_down(units: i128) -> f64 {
+    let nearest = units as f64;
+    if nearest as i128 > units { nearest.next_down() } else { nearest }
 }

@@ -120,9 +120,12 @@ impl View {
         let t = foot / self.distance / self.distance;
         let t = if t.is_finite() && !(self.is_perspective && t < 0.0) { t } else { 0.0 };
         let anchor = axis_point(&self.position, &self.look_at, t);
-        let offset = |a: usize| anchor.0[a].saturating_sub(corner.0[a]) as f64 * cells_per_unit;
+        let anchor_units: [i128; 3] =
+            std::array::from_fn(|a| anchor.0[a].saturating_sub(corner.0[a]));
         Frame {
-            anchor: DVec3::from_array(std::array::from_fn(offset)),
+            anchor: DVec3::from_array(anchor_units.map(|units| units as f64 * cells_per_unit)),
+            anchor_units,
+            cells_per_unit,
             depth: t * self.distance,
             cell_width: self.domain.cell_width(octree),
             basis: self.basis,

@@ -1,7 +1,5 @@
 //! From a field's value to the transfer function's x.
 
-use std::f64::consts::LN_10;
-
 use crate::{Error, Result};
 
 /// [`Mapping::unclamped`] saturates at ± this, so that what is interpolated stays finite, in f32
@@ -15,7 +13,9 @@ pub enum Scale {
     Linear,
     /// s(f) = log10(f); what is at or below the smallest positive leaf value counts as that.
     Log10,
-    /// s(f) = sign(f)·log10(1 + |f| / linthresh): linear near 0, logarithmic far from it.
+    /// Linear within ± linthresh, logarithmic beyond, as matplotlib's `SymLogNorm` with base 10
+    /// and `linscale` 1: with u = |f| / linthresh, s(f) = sign(f)·u / 0.9 for u ≤ 1, else
+    /// sign(f)·(1 / 0.9 + log10 u).
     Symlog {
         /// Where the linear part ends, in the field's units; > 0.
         linthresh: f64,
@@ -29,7 +29,9 @@ impl Scale {
             Self::Linear => f,
             Self::Log10 => f.log10(),
             Self::Symlog { linthresh } => {
-                ((f.abs() / linthresh).min(f64::MAX).ln_1p() / LN_10).copysign(f)
+                let u = (f.abs() / linthresh).min(f64::MAX);
+                let s = if u <= 1.0 { u / 0.9 } else { 1.0 / 0.9 + u.log10() };
+                s.copysign(f)
             }
         }
     }
@@ -137,9 +139,11 @@ mod tests {
         assert!(close(log.unclamped(10.0), 0.5));
         assert!(close(log.unclamped(0.0), log.unclamped(1e-3)), "floor");
         assert!(close(log.unclamped(-7.0), -1.0 / 6.0), "floor");
-        let symlog = mapping(Scale::Symlog { linthresh: 0.5 }, Some([-4.5, 4.5]));
+        let symlog = mapping(Scale::Symlog { linthresh: 0.45 }, Some([-4.5, 4.5]));
         assert!(close(symlog.unclamped(0.0), 0.5) && close(symlog.unclamped(4.5), 1.0));
-        assert!(close(symlog.unclamped(-49.5), 0.5 - 1.0));
+        let full = 2.0 * (1.0 / 0.9 + 1.0);
+        assert!(close(symlog.unclamped(-45.0), 0.5 - (1.0 / 0.9 + 2.0) / full));
+        assert!(close(symlog.unclamped(0.225), 0.5 + 0.5 / 0.9 / full), "linear part");
     }
 
     #[test]
