@@ -7,39 +7,31 @@ use super::frame::LocalRay;
 use super::interpolant::DrawnNeighbours;
 use super::march::Region;
 use super::polynomial::Polynomial;
-use super::ray_state::{Accuracy, RayState};
 use super::scaled::{ScaledBrick, dual};
-use super::transfer_pieces::TransferPieces;
 use super::walk::{Step, Walk};
 
 /// As [`super::march::march`], over the stretch `span` of σ.
-#[allow(clippy::too_many_arguments)]
 pub(super) fn march_linear(
     brick: &ScaledBrick,
     region: &Region,
     drawn: DrawnNeighbours,
     ray: &LocalRay,
     span: (f64, f64),
-    pieces: &TransferPieces,
-    accuracy: &Accuracy,
-    state: &mut RayState,
-) -> u64 {
+    integrator: &mut Integrator<'_>,
+) {
     let lo = region.lo.map(|x| (x + 0.5).floor() as i32);
     let hi = std::array::from_fn(|a| ((region.hi[a] + 0.5).ceil() as i32 - 1).max(lo[a]));
     let mut walk = Walk::new(ray, span, 0.5, lo, hi);
-    let length = (span.1 - span.0) * ray.length;
-    let mut integrator = Integrator::new(pieces, accuracy, length, state);
     while let Some(step) = walk.next() {
         if integrator.is_faded() {
             break;
         }
         match kind(brick, step.cell, drawn) {
-            dual::PLAIN => march_plain(brick, ray, &step, &mut integrator),
-            dual::MIXED => march_mixed(brick, drawn, ray, &step, &mut integrator),
+            dual::PLAIN => march_plain(brick, ray, &step, integrator),
+            dual::MIXED => march_mixed(brick, drawn, ray, &step, integrator),
             _ => {}
         }
     }
-    integrator.count
 }
 
 #[inline]

@@ -23,5 +23,4 @@ mod march_tests;
 #[cfg(test)]
 mod test_data;
 #[cfg(test)]
-#[cfg(test)]
 mod view_tests;

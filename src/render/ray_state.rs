@@ -55,25 +55,28 @@ impl RayState {
 }
 
 /// Optical depths below this are summed as series, exact to 1e-15.
-const SERIES_DEPTH: f64 = 0.0625;
+pub(super) const SERIES_DEPTH: f64 = 0.0625;
 
 /// (1 − e^−depth) / depth: the mean transmittance of a stretch, 1 at depth 0.
 #[inline]
 pub(super) fn mean_transmittance(depth: f64) -> f64 {
-    if depth < SERIES_DEPTH {
-        const TERMS: [f64; 8] = [
-            1.0,
-            -1.0 / 2.0,
-            1.0 / 6.0,
-            -1.0 / 24.0,
-            1.0 / 120.0,
-            -1.0 / 720.0,
-            1.0 / 5040.0,
-            -1.0 / 40320.0,
-        ];
-        return TERMS.iter().rev().fold(0.0, |sum, term| sum * depth + term);
-    }
-    -(-depth).exp_m1() / depth
+    if depth < SERIES_DEPTH { mean_series(depth) } else { -(-depth).exp_m1() / depth }
+}
+
+/// [`mean_transmittance`] up to [`SERIES_DEPTH`].
+#[inline]
+pub(super) fn mean_series(depth: f64) -> f64 {
+    const TERMS: [f64; 8] = [
+        1.0,
+        -1.0 / 2.0,
+        1.0 / 6.0,
+        -1.0 / 24.0,
+        1.0 / 120.0,
+        -1.0 / 720.0,
+        1.0 / 5040.0,
+        -1.0 / 40320.0,
+    ];
+    TERMS.iter().rev().fold(0.0, |sum, term| sum * depth + term)
 }
 
 /// How far integration along a ray may be off.
