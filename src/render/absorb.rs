@@ -1,7 +1,7 @@
 //! Emission and absorption where the mapped value is a polynomial along the ray.
 
 use super::polynomial::Polynomial;
-use super::ray_state::{Accuracy, RayState, mean_transmittance};
+use super::ray_state::{Accuracy, RayState, SERIES_DEPTH, mean_series};
 use super::transfer_pieces::{Piece, PieceList, TransferPieces};
 
 /// A stretch is halved this often at most in search of the transfer function's bends; what is
@@ -11,24 +11,26 @@ const SEARCH_HALVINGS: u32 = 20;
 const OPAQUE_HALVINGS: u32 = 110;
 /// Parts shorter than this share of a stretch count as constant.
 const SHORTEST_PART: f64 = 1e-9;
+/// A part may reach this share of a piece's width beyond the piece.
+const OVERSHOOT: f64 = 1e-6;
 /// Four nodes are exact to 1e-9 up to this optical depth, eight up to [`THICK`].
-const THIN: f64 = 0.0625;
+const THIN: f64 = SERIES_DEPTH;
 const THICK: f64 = 3.0;
 
 /// Gauss–Legendre nodes and weights on [0, 1].
 const GAUSS_4: [[f64; 2]; 4] = [
-    [0.069_431_844_202_973_71, 0.173_927_422_568_726_93],
-    [0.330_009_478_207_571_87, 0.326_072_577_431_273_07],
-    [0.669_990_521_792_428_1, 0.326_072_577_431_273_07],
-    [0.930_568_155_797_026_3, 0.173_927_422_568_726_93],
+    [0.069_431_844_202_973_71, 0.173_927_422_568_726_92],
+    [0.330_009_478_207_571_87, 0.326_072_577_431_273_05],
+    [0.669_990_521_792_428_1, 0.326_072_577_431_273_05],
+    [0.930_568_155_797_026_3, 0.173_927_422_568_726_92],
 ];
 const GAUSS_8: [[f64; 2]; 8] = [
     [0.019_855_071_751_231_884, 0.050_614_268_145_188_13],
-    [0.101_666_761_293_186_63, 0.111_190_517_226_687_23],
-    [0.237_233_795_041_835_5, 0.156_853_322_938_943_64],
-    [0.408_282_678_752_175_1, 0.181_341_891_689_180_99],
-    [0.591_717_321_247_824_9, 0.181_341_891_689_180_99],
-    [0.762_766_204_958_164_5, 0.156_853_322_938_943_64],
+    [0.101_666_761_293_186_64, 0.111_190_517_226_687_23],
+    [0.237_233_795_041_835_5, 0.156_853_322_938_943_63],
+    [0.408_282_678_752_175_1, 0.181_341_891_689_181],
+    [0.591_717_321_247_825, 0.181_341_891_689_181],
+    [0.762_766_204_958_164_5, 0.156_853_322_938_943_63],
     [0.898_333_238_706_813_4, 0.111_190_517_226_687_23],
     [0.980_144_928_248_768_1, 0.050_614_268_145_188_13],
 ];
@@ -43,31 +45,30 @@ pub(super) struct Integrator<'a> {
     /// Pieces in which emission is what they say.
     all: &'a PieceList,
     state: &'a mut RayState,
-    /// Most light that the rest of the march can add before it is absorbed.
+    /// Most light that can come from behind before it is absorbed.
     brightest: f64,
     /// Stretches integrated.
     pub(super) count: u64,
 }
 
 impl<'a> Integrator<'a> {
-    /// An integrator for at most `length` code lengths.
+    /// An integrator that adds to `state`.
     pub(super) fn new(
         pieces: &'a TransferPieces,
         accuracy: &Accuracy,
-        length: f64,
         state: &'a mut RayState,
     ) -> Self {
         let cut = if accuracy.relative < LOOSE { &pieces.all } else { &pieces.knots };
-        let brightest = pieces.largest_emission() * length;
+        let brightest = pieces.largest_emission() * accuracy.longest_path;
         Self { pieces: cut, all: &pieces.all, state, brightest, count: 0 }
     }
 }
 
 impl Integrator<'_> {
-    /// Whether nothing further in this march can change the picture.
+    /// Whether nothing further can change the picture.
     #[inline]
     pub(super) fn is_faded(&self) -> bool {
-        self.state.is_faded(self.brightest)
+        self.state.is_done(self.brightest)
     }
 
     /// A stretch of `length` code lengths along which the mapped value is `x`.
@@ -107,18 +108,36 @@ impl Integrator<'_> {
                 (_, true) => x.solve(piece.end, from),
                 (_, false) => x.solve(piece.start, from),
             };
-            if to - from < SHORTEST_PART {
-                let middle = x.at(0.5 * (from + to)).clamp(piece.start, piece.end.next_down());
-                self.constant(middle, (to - from) * length);
-            } else if !piece.is_transparent {
-                let part = x.part(from, to);
-                self.within(&part, piece, range(&part.control_points()), (to - from) * length);
-            }
+            self.part(x, [from, to], piece, length);
             if is_last {
                 return;
             }
             from = to;
             index = if rising { index + 1 } else { index - 1 };
+        }
+    }
+
+    /// The part of a monotone `x` over s in [`from`, `to`], which crosses `piece`. Where x is too
+    /// steep for its ends to be found, it counts as constant: the part is short then.
+    fn part<const N: usize>(
+        &mut self,
+        x: &Polynomial<N>,
+        [from, to]: [f64; 2],
+        piece: &Piece,
+        length: f64,
+    ) {
+        if piece.is_transparent {
+            return;
+        }
+        let part = x.part(from, to);
+        let [low, high] = range(&part.control_points());
+        let slack = OVERSHOOT * (piece.end - piece.start);
+        let fits = low >= piece.start - slack && high <= piece.end + slack;
+        if fits && to - from >= SHORTEST_PART {
+            self.within(&part, piece, [low, high], (to - from) * length);
+        } else {
+            let middle = x.at(0.5 * (from + to)).clamp(piece.start, piece.end.next_down());
+            self.constant(middle, (to - from) * length);
         }
     }
 
@@ -146,7 +165,7 @@ impl Integrator<'_> {
         let depth = length * piece.extinction(range[0]).max(piece.extinction(range[1]));
         if N <= 4 && depth <= THIN {
             self.count += 1;
-            self.quadrature(x, piece, length, &GAUSS_4);
+            self.quadrature(x, piece, length, &GAUSS_4, thin_transmittance);
         } else {
             self.thick(x, piece, length, OPAQUE_HALVINGS);
         }
@@ -162,7 +181,7 @@ impl Integrator<'_> {
         let largest = range(&x.control_points()).map(|x| piece.extinction(x));
         if largest[0].max(largest[1]) * length <= THICK || halvings == 0 {
             self.count += 1;
-            return self.quadrature(x, piece, length, &GAUSS_8);
+            return self.quadrature(x, piece, length, &GAUSS_8, transmittance);
         }
         for [from, to] in [[0.0, 0.5], [0.5, 1.0]] {
             if !self.is_faded() {
@@ -179,6 +198,7 @@ impl Integrator<'_> {
         piece: &Piece,
         length: f64,
         rule: &[[f64; 2]; R],
+        transmittance: impl Fn(f64) -> f64,
     ) {
         let mut d = *x;
         d.0[0] -= piece.origin;
@@ -190,9 +210,9 @@ impl Integrator<'_> {
         }
         let scale = self.state.transmittance * length;
         let light = if piece.bends {
-            self.bent_light(&d, piece.origin, &depth, rule)
+            self.bent_light(&d, piece.origin, &depth, rule, &transmittance)
         } else {
-            light(&d, piece, &depth, rule)
+            light(&d, piece, &depth, rule, &transmittance)
         };
         for (sum, light) in self.state.radiance.iter_mut().zip(light) {
             *sum += scale * light;
@@ -208,6 +228,7 @@ impl Integrator<'_> {
         origin: f64,
         depth: &Polynomial<N>,
         rule: &[[f64; 2]; R],
+        transmittance: impl Fn(f64) -> f64,
     ) -> [f64; 3] {
         let mut light = [0.0; 3];
         for &[s, weight] in rule {
@@ -229,10 +250,15 @@ fn light<const N: usize, const R: usize>(
     piece: &Piece,
     depth: &Polynomial<N>,
     rule: &[[f64; 2]; R],
+    transmittance: impl Fn(f64) -> f64,
 ) -> [f64; 3] {
+    let x: [f64; R] = std::array::from_fn(|n| d.at(rule[n][0]));
+    let share: [f64; R] = std::array::from_fn(|n| {
+        let [s, weight] = rule[n];
+        weight * transmittance(s * depth.at(s))
+    });
     let mut moments = [0.0; 3];
-    for &[s, weight] in rule {
-        let (x, share) = (d.at(s), weight * transmittance(s * depth.at(s)));
+    for (x, share) in x.iter().zip(share) {
         moments[0] += share;
         moments[1] += share * x;
         moments[2] += share * x * x;
@@ -245,7 +271,13 @@ fn light<const N: usize, const R: usize>(
 #[inline]
 fn transmittance(depth: f64) -> f64 {
     let depth = depth.max(0.0);
-    if depth <= THIN { 1.0 - depth * mean_transmittance(depth) } else { (-depth).exp() }
+    if depth <= THIN { thin_transmittance(depth) } else { (-depth).exp() }
+}
+
+/// e^−depth up to [`THIN`], without a branch.
+#[inline]
+fn thin_transmittance(depth: f64) -> f64 {
+    1.0 - depth * mean_series(depth)
 }
 
 #[inline]

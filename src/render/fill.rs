@@ -45,7 +45,7 @@ pub(super) fn fill_holes(block: &mut ScaledBlock, first: [i128; 3], above: &Abov
     }
 }
 
-fn prolonged(above: &ScaledBlock, parents: [&[usize; 2]; 3]) -> f32 {
+fn prolonged(above: &ScaledBlock, parents: [&[usize; 2]; 3]) -> f64 {
     const WEIGHTS: [f64; 2] = [0.75, 0.25];
     let mut sum = 0.0;
     for corner in 0..8 {
@@ -54,7 +54,7 @@ fn prolonged(above: &ScaledBlock, parents: [&[usize; 2]; 3]) -> f32 {
         let weight = WEIGHTS[side[0]] * WEIGHTS[side[1]] * WEIGHTS[side[2]];
         sum += weight * f64::from(above.values[above.at(cell)]);
     }
-    sum as f32
+    sum
 }
 
 /// Gives cells outside the domain (of `cells` cells along each axis) the value of the nearest

@@ -1,5 +1,6 @@
 //! One ray through one brick.
 
+use super::absorb::Integrator;
 use super::frame::LocalRay;
 use super::interpolant::DrawnNeighbours;
 use super::march_cell::march_cells;
@@ -36,9 +37,11 @@ pub fn march(
         return 0;
     };
     let region = Region { lo, hi };
+    let mut integrator = Integrator::new(pieces, accuracy, state);
     if brick.is_piecewise_constant() {
-        march_cells(brick, &region, ray, span, pieces, state)
+        march_cells(brick, &region, ray, span, &mut integrator);
     } else {
-        march_linear(brick, &region, drawn, ray, span, pieces, accuracy, state)
+        march_linear(brick, &region, drawn, ray, span, &mut integrator);
     }
+    integrator.count
 }

@@ -3,9 +3,7 @@
 use super::absorb::Integrator;
 use super::frame::LocalRay;
 use super::march::Region;
-use super::ray_state::{Accuracy, RayState};
 use super::scaled::ScaledBrick;
-use super::transfer_pieces::TransferPieces;
 use super::walk::Walk;
 
 /// As [`super::march::march`], over the stretch `span` of σ.
@@ -14,35 +12,31 @@ pub(super) fn march_cells(
     region: &Region,
     ray: &LocalRay,
     span: (f64, f64),
-    pieces: &TransferPieces,
-    state: &mut RayState,
-) -> u64 {
+    integrator: &mut Integrator<'_>,
+) {
     let block = &brick.blocks[0];
     let lo = region.lo.map(|x| x.floor() as i32);
     let hi = std::array::from_fn(|a| (region.hi[a].ceil() as i32 - 1).max(lo[a]));
     let mut walk = Walk::new(ray, span, 0.0, lo, hi);
-    let length = (span.1 - span.0) * ray.length;
-    let mut integrator = Integrator::new(pieces, &Accuracy { relative: 0.0 }, length, state);
     // Equal neighbours make one stretch: the closed form is the same and costs once.
-    let (mut x, mut from, mut to) = (f32::NAN, span.0, span.0);
+    let (mut x, mut from, mut to) = (f64::NAN, span.0, span.0);
     while let Some(step) = walk.next() {
         let value = block.values[block.at(step.cell.map(|c| c as usize + 1))];
         if value.to_bits() != x.to_bits() {
-            add(&mut integrator, x, (to - from) * ray.length);
+            add(integrator, x, (to - from) * ray.length);
             if integrator.is_faded() {
-                return integrator.count;
+                return;
             }
             (x, from) = (value, step.from);
         }
         to = step.to;
     }
-    add(&mut integrator, x, (to - from) * ray.length);
-    integrator.count
+    add(integrator, x, (to - from) * ray.length);
 }
 
 #[inline]
-fn add(integrator: &mut Integrator<'_>, x: f32, length: f64) {
+fn add(integrator: &mut Integrator<'_>, x: f64, length: f64) {
     if !x.is_nan() {
-        integrator.constant(f64::from(x), length);
+        integrator.constant(x, length);
     }
 }

@@ -7,39 +7,31 @@ use super::frame::LocalRay;
 use super::interpolant::DrawnNeighbours;
 use super::march::Region;
 use super::polynomial::Polynomial;
-use super::ray_state::{Accuracy, RayState};
 use super::scaled::{ScaledBrick, dual};
-use super::transfer_pieces::TransferPieces;
 use super::walk::{Step, Walk};
 
 /// As [`super::march::march`], over the stretch `span` of σ.
-#[allow(clippy::too_many_arguments)]
 pub(super) fn march_linear(
     brick: &ScaledBrick,
     region: &Region,
     drawn: DrawnNeighbours,
     ray: &LocalRay,
     span: (f64, f64),
-    pieces: &TransferPieces,
-    accuracy: &Accuracy,
-    state: &mut RayState,
-) -> u64 {
+    integrator: &mut Integrator<'_>,
+) {
     let lo = region.lo.map(|x| (x + 0.5).floor() as i32);
     let hi = std::array::from_fn(|a| ((region.hi[a] + 0.5).ceil() as i32 - 1).max(lo[a]));
     let mut walk = Walk::new(ray, span, 0.5, lo, hi);
-    let length = (span.1 - span.0) * ray.length;
-    let mut integrator = Integrator::new(pieces, accuracy, length, state);
     while let Some(step) = walk.next() {
         if integrator.is_faded() {
             break;
         }
         match kind(brick, step.cell, drawn) {
-            dual::PLAIN => march_plain(brick, ray, &step, &mut integrator),
-            dual::MIXED => march_mixed(brick, drawn, ray, &step, &mut integrator),
+            dual::PLAIN => march_plain(brick, ray, &step, integrator),
+            dual::MIXED => march_mixed(brick, drawn, ray, &step, integrator),
             _ => {}
         }
     }
-    integrator.count
 }
 
 #[inline]
@@ -61,8 +53,8 @@ fn march_plain(brick: &ScaledBrick, ray: &LocalRay, step: &Step, integrator: &mu
     let [a, b] = [pair(first), pair(first + row)];
     let [c, d] = [pair(first + layer), pair(first + layer + row)];
     let corners = [a[0], a[1], b[0], b[1], c[0], c[1], d[0], d[1]];
-    let low = f64::from(corners.iter().copied().fold(f32::INFINITY, f32::min));
-    let high = f64::from(corners.iter().copied().fold(f32::NEG_INFINITY, f32::max));
+    let low = corners.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = corners.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let piece = integrator.pieces.at(low);
     let fits = high < piece.end;
     if fits && piece.is_transparent {
@@ -72,7 +64,7 @@ fn march_plain(brick: &ScaledBrick, ray: &LocalRay, step: &Step, integrator: &mu
     let at = |sigma: f64| -> [f64; 3] {
         std::array::from_fn(|a| origin[a] + 0.5 - f64::from(step.cell[a]) + direction[a] * sigma)
     };
-    let x = Polynomial::along_line(&corners.map(f64::from), at(step.from), at(step.to));
+    let x = Polynomial::along_line(&corners, at(step.from), at(step.to));
     let length = (step.to - step.from) * ray.length;
     if fits {
         integrator.within(&x, piece, [low, high], length);

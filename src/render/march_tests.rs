@@ -11,7 +11,7 @@ use super::test_data::{TestCut, TestData, linear, rough};
 use super::transfer_pieces::TransferPieces;
 use crate::scene::{ColorMap, ColorTable, Interpolation, PiecewiseLinear, TransferFunction};
 
-const EXACT: Accuracy = Accuracy { relative: 0.0 };
+const EXACT: Accuracy = Accuracy { relative: 0.0, longest_path: 100.0 };
 
 fn table(points: &[(f64, f64)]) -> PiecewiseLinear {
     PiecewiseLinear::new(&points.iter().map(|&(x, y)| (x, [y])).collect::<Vec<_>>()).unwrap()
@@ -82,7 +82,7 @@ fn stepped(
     ray: &LocalRay,
     transfer: &TransferFunction,
 ) -> RayState {
-    const STEPS: u32 = 400_000;
+    const STEPS: u32 = 100_000;
     let mut state = RayState::default();
     let Some((from, to)) = super::walk::clip(ray, whole(brick).lo, whole(brick).hi) else {
         return state;
@@ -99,7 +99,7 @@ fn stepped(
 }
 
 fn assert_close(found: &RayState, expected: &RayState, tolerance: f64, what: &str) {
-    let largest = expected.radiance.iter().copied().fold(1e-300, f64::max);
+    let largest = expected.radiance.iter().copied().fold(1e-6, f64::max);
     for c in 0..3 {
         let error = (found.radiance[c] - expected.radiance[c]).abs() / largest;
         assert!(error < tolerance, "{what}: {found:?} {expected:?} {error}");
@@ -118,7 +118,7 @@ fn linear_equals_tiny_steps_beside_every_kind_of_border() {
         let drawn = cut.drawn(level, at);
         for (n, ray) in rays().iter().enumerate() {
             for (name, transfer, tolerance) in
-                [("smooth", smooth(), 1e-8), ("shells", shells(), 1e-6), ("steps", steps(), 1e-4)]
+                [("smooth", smooth(), 2e-7), ("shells", shells(), 2e-5), ("steps", steps(), 4e-4)]
             {
                 let what = format!("{name}, level {level} {at:?}, ray {n}");
                 let found = marched(&brick, drawn, ray, &transfer);
@@ -136,7 +136,7 @@ fn cell_equals_tiny_steps_and_holes_show_their_owner() {
         for (n, ray) in rays().iter().enumerate() {
             let found = marched(&brick, DrawnNeighbours::ALL, ray, &smooth());
             let expected = stepped(&brick, DrawnNeighbours::ALL, ray, &smooth());
-            assert_close(&found, &expected, 2e-5, &format!("level {level} ray {n}"));
+            assert_close(&found, &expected, 1e-4, &format!("level {level} ray {n}"));
         }
     }
     let brick = data.brick(2, [2, 1, 2], 8, Interpolation::Cell);
@@ -151,7 +151,7 @@ fn cell_equals_tiny_steps_and_holes_show_their_owner() {
 fn colour_maps_taken_as_a_whole_stay_close() {
     let data = TestData::new(rough);
     let brick = data.brick(3, [4, 3, 5], 8, Interpolation::Linear);
-    let (loose, pieces) = (Accuracy { relative: 1e-3 }, TransferPieces::new(&smooth()));
+    let (loose, pieces) = (Accuracy { relative: 1e-3, ..EXACT }, TransferPieces::new(&smooth()));
     for ray in rays() {
         let mut state = RayState::default();
         march(&brick, &whole(&brick), DrawnNeighbours::ALL, &ray, &pieces, &loose, &mut state);
@@ -225,6 +225,29 @@ fn extremes_stay_finite() {
             let expected = wall.emission(x)[1] / 1e6;
             assert!(state.transmittance < 1e-12);
             assert!((state.radiance[1] - expected).abs() < 1e-4, "{state:?} {expected}");
+        }
+    }
+}
+
+/// Huge values of both signs among ordinary ones.
+fn wild(level: u32, cell: [i128; 3]) -> f64 {
+    let value = rough(level, cell);
+    let huge = [1e29, -1e29, 3e5, -1e12];
+    if value < 0.4 { huge[(value * 10.0) as usize] } else { value }
+}
+
+#[test]
+fn values_beyond_all_ranges_do_not_spill() {
+    let data = TestData::new(wild);
+    let opaque_middle = transfer(&[(0.0, 0.0), (0.5, 1e9), (1.0, 0.0)], &[(0.0, 1.0), (1.0, 2.0)]);
+    for (level, at) in [(0, [1, 0, 1]), (2, [2, 1, 2])] {
+        let brick = data.brick(level, at, 8, Interpolation::Linear);
+        for ray in rays() {
+            let found = marched(&brick, DrawnNeighbours::ALL, &ray, &smooth());
+            let expected = stepped(&brick, DrawnNeighbours::ALL, &ray, &smooth());
+            assert_close(&found, &expected, 4e-4, "wild");
+            let state = marched(&brick, DrawnNeighbours::ALL, &ray, &opaque_middle);
+            assert!(state.radiance.iter().all(|c| (0.0..1e3).contains(c)), "{state:?}");
         }
     }
 }

@@ -116,7 +116,7 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     let loader = BrickLoader { cache, shading: &shading };
     let picture = Picture {
         cache,
-        light: light(&shading, header),
+        light: light(&shading, scene.render.tolerance, header),
         scenery,
         pool: Pool::new(plan.slots, &loader, &counters),
         film: Mutex::new(Film::new(width, height)?),
@@ -146,11 +146,15 @@ fn take_census(cache: &Cache, scenery: &Scenery<'_>) -> Result<Census> {
     Ok(walk.into_tally())
 }
 
-fn light(shading: &Shading, header: &Header) -> Light {
+/// An absolute tolerance says nothing of a ray before the picture is known: rays are then exact.
+fn light(shading: &Shading, tolerance: Tolerance, header: &Header) -> Light {
+    let relative = match tolerance {
+        Tolerance::Relative(part) => part,
+        Tolerance::Absolute(_) => 0.0,
+    };
     Light {
         pieces: TransferPieces::new(&shading.transfer),
-        accuracy: Accuracy { relative: 0.0 },
-        longest_path: diagonal(&header.domain),
+        accuracy: Accuracy { relative, longest_path: diagonal(&header.domain) },
     }
 }
 

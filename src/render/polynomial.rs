@@ -4,8 +4,8 @@
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Polynomial<const N: usize>(pub [f64; N]);
 
-/// A root is found to this in s: a bend misplaced by it costs its square, a step itself.
-const ROOT_TOLERANCE: f64 = 1e-12;
+/// A root is found to this in s at worst, as a rule to its square (Newton's method).
+const ROOT_TOLERANCE: f64 = 1e-9;
 
 impl<const N: usize> Polynomial<N> {
     /// The value that is `x` everywhere.

@@ -17,7 +17,7 @@ const KEPT: usize = 64;
 /// limit is 1e30.
 const LARGE: f32 = 1e29;
 /// By how much, a power of two.
-const SHRUNK: f32 = 1.0 / (1 << 30) as f32;
+const SHRUNK: f64 = 1.0 / (1u64 << 30) as f64;
 
 /// What is at a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -157,7 +157,7 @@ impl<'c> Probe<'c> {
         let [low, high] = finest.field.own;
         let factor = if low.abs().max(high.abs()) > LARGE { SHRUNK } else { 1.0 };
         let raw = &self.bricks[&finest.node];
-        let mapping = |stored: f32| stored * factor;
+        let mapping = |stored: f32| f64::from(stored) * factor;
         self.scaled.prepare(raw, &finest.place, header, mapping, Interpolation::Linear)?;
         let lowest = finest.place.lowest_cell(header.shape);
         let corner = header.domain.cell_corner(finest.place.octree, lowest);
@@ -166,7 +166,7 @@ impl<'c> Probe<'c> {
         let inside = cells.clamp(DVec3::ZERO, DVec3::splat(header.shape.edge() as f64));
         let value = self.scaled.value_at(inside, DrawnNeighbours::ALL);
         let exponent = f64::from(header.fields[self.field].exponent).exp2();
-        Ok(value / f64::from(factor) * exponent)
+        Ok(value / factor * exponent)
     }
 
     fn level(&self, tree_level: usize) -> Result<u32> {

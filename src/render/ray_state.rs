@@ -19,16 +19,10 @@ impl Default for RayState {
 }
 
 impl RayState {
-    /// Whether nothing that lies behind can change the picture any more, where emission is at
-    /// most `largest_emission` (radiance / code length) over at most `remaining` code lengths.
+    /// Whether nothing that lies behind can change the picture any more, where that adds at most
+    /// `radiance` before it is absorbed.
     #[inline]
-    pub fn is_done(&self, largest_emission: f64, remaining: f64) -> bool {
-        self.is_faded(largest_emission * remaining)
-    }
-
-    /// The same for at most `radiance` of light from behind.
-    #[inline]
-    pub(super) fn is_faded(&self, radiance: f64) -> bool {
+    pub fn is_done(&self, radiance: f64) -> bool {
         if self.transmittance >= NEGLIGIBLE {
             return false;
         }
@@ -55,25 +49,28 @@ impl RayState {
 }
 
 /// Optical depths below this are summed as series, exact to 1e-15.
-const SERIES_DEPTH: f64 = 0.0625;
+pub(super) const SERIES_DEPTH: f64 = 0.0625;
 
 /// (1 − e^−depth) / depth: the mean transmittance of a stretch, 1 at depth 0.
 #[inline]
 pub(super) fn mean_transmittance(depth: f64) -> f64 {
-    if depth < SERIES_DEPTH {
-        const TERMS: [f64; 8] = [
-            1.0,
-            -1.0 / 2.0,
-            1.0 / 6.0,
-            -1.0 / 24.0,
-            1.0 / 120.0,
-            -1.0 / 720.0,
-            1.0 / 5040.0,
-            -1.0 / 40320.0,
-        ];
-        return TERMS.iter().rev().fold(0.0, |sum, term| sum * depth + term);
-    }
-    -(-depth).exp_m1() / depth
+    if depth < SERIES_DEPTH { mean_series(depth) } else { -(-depth).exp_m1() / depth }
+}
+
+/// [`mean_transmittance`] up to [`SERIES_DEPTH`].
+#[inline]
+pub(super) fn mean_series(depth: f64) -> f64 {
+    const TERMS: [f64; 8] = [
+        1.0,
+        -1.0 / 2.0,
+        1.0 / 6.0,
+        -1.0 / 24.0,
+        1.0 / 120.0,
+        -1.0 / 720.0,
+        1.0 / 5040.0,
+        -1.0 / 40320.0,
+    ];
+    TERMS.iter().rev().fold(0.0, |sum, term| sum * depth + term)
 }
 
 /// How far integration along a ray may be off.
@@ -82,6 +79,9 @@ pub struct Accuracy {
     /// Largest error relative to the ray's own radiance; 0: converged to rounding's reach. From
     /// 1e-4 on, the 256 entries of a named colour map are no longer integrated one by one.
     pub relative: f64,
+    /// Longest way that light from behind may come, code length: a ray ends early only where no
+    /// emission over that length would be seen.
+    pub longest_path: f64,
 }
 
 #[cfg(test)]
@@ -125,8 +125,8 @@ mod tests {
     #[test]
     fn a_ray_is_done_only_when_nothing_bright_can_follow() {
         let state = RayState { radiance: [1.0, 0.0, 0.0], transmittance: 1e-12 };
-        assert!(state.is_done(1.0, 10.0));
-        assert!(!state.is_done(1e9, 10.0));
-        assert!(!RayState { transmittance: 1e-8, ..state }.is_done(0.0, 0.0));
+        assert!(state.is_done(10.0));
+        assert!(!state.is_done(1e10));
+        assert!(!RayState { transmittance: 1e-8, ..state }.is_done(0.0));
     }
 }

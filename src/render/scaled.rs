@@ -7,7 +7,7 @@ use crate::space::MAX_OCTREE_LEVEL;
 use crate::{Error, Result};
 
 /// Mapped values are held to ± this.
-const LARGEST: f32 = 1e30;
+const LARGEST: f64 = 1e30;
 
 /// What the marcher has to mind in a dual cell, the cube between eight cell centres.
 pub(super) mod dual {
@@ -25,7 +25,7 @@ pub(super) struct ScaledBlock {
     /// Cells along an edge, ghosts included.
     pub(super) side: usize,
     /// x of the transfer function, unclamped, x fastest.
-    pub(super) values: Vec<f32>,
+    pub(super) values: Vec<f64>,
     /// [`state`] bits. In the brick's own block a hole has its owner's VOID bit.
     pub(super) states: Vec<u8>,
     /// Where the brick's lower corner lies in the block's cell 0 (ghosts not counted), in cells.
@@ -41,7 +41,7 @@ impl ScaledBlock {
         (z * self.side + y) * self.side + x
     }
 
-    fn load(&mut self, raw: &Block, mapping: impl Fn(f32) -> f32) {
+    fn load(&mut self, raw: &Block, mapping: impl Fn(f32) -> f64) {
         self.side = raw.side;
         self.states.clear();
         self.states.extend_from_slice(&raw.states);
@@ -52,7 +52,7 @@ impl ScaledBlock {
     }
 }
 
-fn held(x: f32) -> f32 {
+fn held(x: f64) -> f64 {
     if x.is_nan() { 0.0 } else { x.clamp(-LARGEST, LARGEST) }
 }
 
@@ -83,7 +83,7 @@ impl ScaledBrick {
     /// Most heap bytes that a brick of `shape` with `blocks` blocks takes.
     pub fn bytes(shape: BrickShape, blocks: usize) -> u64 {
         let heads = blocks.max(4).next_power_of_two() * size_of::<ScaledBlock>();
-        (5 * shape.cells_in_blocks(blocks) + (shape.edge() + 1).pow(3) + heads) as u64
+        (9 * shape.cells_in_blocks(blocks) + (shape.edge() + 1).pow(3) + heads) as u64
     }
 
     /// Fills the brick from `raw`, the payload of the brick at `place`; `mapping` takes stored
@@ -96,7 +96,7 @@ impl ScaledBrick {
         raw: &RawBrick,
         place: &BrickPlace,
         header: &Header,
-        mapping: impl Fn(f32) -> f32,
+        mapping: impl Fn(f32) -> f64,
         interpolation: Interpolation,
     ) -> Result<()> {
         check(raw, place, header.shape)?;
@@ -124,14 +124,14 @@ impl ScaledBrick {
         self.used = blocks;
     }
 
-    fn load_cells(&mut self, raw: &RawBrick, mapping: impl Fn(f32) -> f32) {
+    fn load_cells(&mut self, raw: &RawBrick, mapping: impl Fn(f32) -> f64) {
         self.reserve(1);
         let (edge, bits) = (self.edge, self.edge_bits);
         let (block, own) = (&mut self.blocks[0], &raw.blocks[0]);
         block.side = own.side;
         block.states.clear();
         block.values.clear();
-        block.values.resize(own.side.pow(3), f32::NAN);
+        block.values.resize(own.side.pow(3), f64::NAN);
         for z in 0..edge {
             for y in 0..edge {
                 let row = own.at(1, y + 1, z + 1);
@@ -153,7 +153,7 @@ impl ScaledBrick {
         raw: &RawBrick,
         place: &BrickPlace,
         header: &Header,
-        mapping: impl Fn(f32) -> f32,
+        mapping: impl Fn(f32) -> f64,
     ) {
         self.reserve(raw.blocks.len());
         let lowest = place.lowest_cell(header.shape);

@@ -47,17 +47,15 @@ impl Shading {
     }
 
     /// The transfer function's x of a stored value, unclamped.
-    pub fn map(&self, stored: f32) -> f32 {
-        self.mapping.unclamped(f64::from(stored) * self.factor) as f32
+    pub fn map(&self, stored: f32) -> f64 {
+        self.mapping.unclamped(f64::from(stored) * self.factor)
     }
 
     /// Whether nothing in [min, max] of stored values (and NaN, if `nan`) emits or absorbs. An
     /// empty range holds nothing.
     pub fn is_transparent(&self, [min, max]: [f32; 2], nan: bool) -> bool {
-        // Ends are mapped as values are, rounded to f32 alike: both are monotone.
-        let x = |stored| f64::from(self.map(stored));
-        let values = min > max || self.transfer.is_transparent(x(min), x(max));
-        values && (!nan || self.transfer.is_transparent(x(f32::NAN), x(f32::NAN)))
+        let values = min > max || self.transfer.is_transparent(self.map(min), self.map(max));
+        values && (!nan || self.transfer.is_transparent(self.map(f32::NAN), self.map(f32::NAN)))
     }
 }
 

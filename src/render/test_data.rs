@@ -177,7 +177,7 @@ impl TestData {
         let raw = self.raw(level, coordinates, shape);
         let place = BrickPlace { tree_level: level as usize, octree: level as i32, coordinates };
         let mut brick = ScaledBrick::new();
-        brick.prepare(&raw, &place, &self.header(shape), |x| x, interpolation).unwrap();
+        brick.prepare(&raw, &place, &self.header(shape), f64::from, interpolation).unwrap();
         brick
     }
 

@@ -11,8 +11,6 @@ use super::transfer_pieces::TransferPieces;
 use super::tree_walk::Step;
 
 const SIDE: usize = TILE_SIDE as usize;
-/// Below this transmittance light is gathered brick by brick.
-const NEARLY_OPAQUE: f64 = 1e-8;
 
 /// What the march of all tiles needs.
 #[derive(Debug)]
@@ -21,8 +19,6 @@ pub struct Light {
     pub pieces: TransferPieces,
     /// How exact the march is.
     pub accuracy: Accuracy,
-    /// No ray has more than this left of the domain, code length.
-    pub longest_path: f64,
 }
 
 /// Up to 64×64 rays. The memory is reused from tile to tile.
@@ -81,7 +77,8 @@ impl Tile {
         drawn: DrawnNeighbours,
         light: &Light,
     ) -> u64 {
-        let (mask, brightest) = (self.mask(&step.rays), light.pieces.largest_emission());
+        let mask = self.mask(&step.rays);
+        let brightest = light.pieces.largest_emission() * light.accuracy.longest_path;
         let mut samples = 0;
         for row in self.row_range(&step.rays) {
             let mut waiting = self.alive[row] & mask;
@@ -90,11 +87,9 @@ impl Tile {
                 waiting &= waiting - 1;
                 let ray = step.frame.ray(DVec2::new(self.columns[column], self.rows[row]));
                 let state = &mut self.states[row * self.columns.len() + column];
-                samples += gather(state, |state| {
-                    let Light { pieces, accuracy, .. } = light;
-                    march(brick, &step.region, drawn, &ray, pieces, accuracy, state)
-                });
-                if state.is_done(brightest, light.longest_path) {
+                let Light { pieces, accuracy } = light;
+                samples += march(brick, &step.region, drawn, &ray, pieces, accuracy, state);
+                if state.is_done(brightest) {
                     self.alive[row] &= !(1 << column);
                 }
             }
@@ -138,22 +133,6 @@ impl Tile {
         let first = (rect.lo[1] - self.rect.lo[1]) as usize;
         first..first + rect.rows().len()
     }
-}
-
-/// Marches on. A ray that is nearly opaque starts afresh in each brick and what it finds there is
-/// added behind what it has: the march may end early where a single brick adds nothing, but
-/// whether the ray is done is a matter of all that follows, and needs the transmittance to fall.
-fn gather(state: &mut RayState, march: impl FnOnce(&mut RayState) -> u64) -> u64 {
-    if state.transmittance > NEARLY_OPAQUE {
-        return march(state);
-    }
-    let mut behind = RayState::default();
-    let samples = march(&mut behind);
-    for (sum, radiance) in state.radiance.iter_mut().zip(behind.radiance) {
-        *sum += state.transmittance * radiance;
-    }
-    state.transmittance *= behind.transmittance;
-    samples
 }
 
 impl Default for Tile {

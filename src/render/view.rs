@@ -160,7 +160,7 @@ fn basis(ahead: DVec3, up: DVec3) -> Result<Basis> {
     let up = up / up.abs().max_element();
     let forward = ahead.normalize();
     let across = forward.cross(up.normalize());
-    if !(across.length() > SMALLEST_SINE) {
+    if across.length() <= SMALLEST_SINE || !across.is_finite() {
         return Err(Error::request("camera: up points along the view: choose another direction"));
     }
     // The cross product of nearly parallel vectors is orthogonal only after a second pass.
