@@ -21,6 +21,8 @@ mod interpolant_tests;
 #[cfg(test)]
 mod march_tests;
 #[cfg(test)]
+mod scaled_tests;
+#[cfg(test)]
 mod test_data;
 #[cfg(test)]
 mod view_tests;
