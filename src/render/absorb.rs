@@ -66,10 +66,10 @@ impl<'a> Integrator<'a> {
 }
 
 impl Integrator<'_> {
-    /// Whether nothing further in this march can change the picture.
+    /// Whether no light at all comes through any more.
     #[inline]
-    pub(super) fn is_faded(&self) -> bool {
-        self.state.is_faded(self.brightest)
+    pub(super) fn is_dark(&self) -> bool {
+        self.state.transmittance == 0.0
     }
 
     /// A stretch of `length` code lengths along which the mapped value is `x`.
@@ -180,18 +180,24 @@ impl Integrator<'_> {
         halvings: u32,
     ) {
         let largest = range(&x.control_points()).map(|x| piece.extinction(x));
-        if largest[0].max(largest[1]) * length <= THICK || halvings == 0 {
+        let fits = largest[0].max(largest[1]) * length <= THICK || halvings == 0;
+        if fits && !self.state.is_faded(self.brightest) {
             self.count += 1;
             return self.quadrature(x, piece, length, &GAUSS_8, transmittance);
         }
+        if self.state.is_faded(self.brightest) {
+            // Too dark for this march's own light, but bricks behind may be larger or brighter:
+            // the transmittance has to stay true.
+            let [_, depth] = from_origin(x, piece, length);
+            self.state.transmittance *= transmittance(depth.at(1.0));
+            return;
+        }
         for [from, to] in [[0.0, 0.5], [0.5, 1.0]] {
-            if !self.is_faded() {
-                self.thick(&x.part(from, to), piece, 0.5 * length, halvings - 1);
-            }
+            self.thick(&x.part(from, to), piece, 0.5 * length, halvings - 1);
         }
     }
 
-    /// Extinction is linear in x, so the optical depth is a polynomial, exact.
+    /// A stretch by the quadrature `rule`.
     #[inline]
     fn quadrature<const N: usize, const R: usize>(
         &mut self,
@@ -201,14 +207,7 @@ impl Integrator<'_> {
         rule: &[[f64; 2]; R],
         transmittance: impl Fn(f64) -> f64,
     ) {
-        let mut d = *x;
-        d.0[0] -= piece.origin;
-        let [k0, k1] = piece.extinction;
-        let mut depth = Polynomial(d.0);
-        for (power, coefficient) in depth.0.iter_mut().enumerate() {
-            let constant = if power == 0 { k0 } else { 0.0 };
-            *coefficient = length * (constant + k1 * *coefficient) / (power + 1) as f64;
-        }
+        let [d, depth] = from_origin(x, piece, length);
         let scale = self.state.transmittance * length;
         let light = if piece.bends {
             self.bent_light(&d, piece.origin, &depth, rule, &transmittance)
@@ -241,6 +240,25 @@ impl Integrator<'_> {
         }
         light
     }
+}
+
+/// `x` from the piece's origin, and the polynomial that times s is the optical depth up to s:
+/// extinction is linear in x, so that is exact.
+#[inline]
+fn from_origin<const N: usize>(
+    x: &Polynomial<N>,
+    piece: &Piece,
+    length: f64,
+) -> [Polynomial<N>; 2] {
+    let mut d = *x;
+    d.0[0] -= piece.origin;
+    let [k0, k1] = piece.extinction;
+    let mut depth = d;
+    for (power, coefficient) in depth.0.iter_mut().enumerate() {
+        let constant = if power == 0 { k0 } else { 0.0 };
+        *coefficient = length * (constant + k1 * *coefficient) / (power + 1) as f64;
+    }
+    [d, depth]
 }
 
 /// Mean of emission times transmittance along a stretch: `d` is x from the piece's origin,

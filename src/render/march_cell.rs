@@ -24,7 +24,7 @@ pub(super) fn march_cells(
         let value = block.values[block.at(step.cell.map(|c| c as usize + 1))];
         if value.to_bits() != x.to_bits() {
             add(integrator, x, (to - from) * ray.length);
-            if integrator.is_faded() {
+            if integrator.is_dark() {
                 return;
             }
             (x, from) = (value, step.from);

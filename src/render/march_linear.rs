@@ -23,7 +23,7 @@ pub(super) fn march_linear(
     let hi = std::array::from_fn(|a| ((region.hi[a] + 0.5).ceil() as i32 - 1).max(lo[a]));
     let mut walk = Walk::new(ray, span, 0.5, lo, hi);
     while let Some(step) = walk.next() {
-        if integrator.is_faded() {
+        if integrator.is_dark() {
             break;
         }
         match kind(brick, step.cell, drawn) {

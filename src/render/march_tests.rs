@@ -229,6 +229,20 @@ fn extremes_stay_finite() {
     }
 }
 
+#[test]
+fn a_wall_of_dust_keeps_its_transmittance_true() {
+    let data = TestData::one_level(|_, _| 0.5);
+    let dust = transfer(&[(0.0, 40.0), (1.0, 40.0)], &[(0.0, 0.0), (0.9, 0.0), (1.0, 1e9)]);
+    let pieces = TransferPieces::new(&dust);
+    for interpolation in [Interpolation::Linear, Interpolation::Cell] {
+        let brick = data.brick(0, [0; 3], 8, interpolation);
+        let ray = ray([4.3, 4.2, 0.0], [0.0, 0.0, 1.0], 1.0);
+        let mut state = RayState { radiance: [1e15; 3], transmittance: 1.0 };
+        march(&brick, &whole(&brick), DrawnNeighbours::ALL, &ray, &pieces, &EXACT, &mut state);
+        assert!((state.transmittance / (-320.0_f64).exp() - 1.0).abs() < 1e-9, "{state:?}");
+    }
+}
+
 /// Huge values of both signs among ordinary ones.
 fn wild(level: u32, cell: [i128; 3]) -> f64 {
     let value = rough(level, cell);

@@ -23,17 +23,23 @@ impl RayState {
     /// most `largest_emission` (radiance / code length) over at most `remaining` code lengths.
     #[inline]
     pub fn is_done(&self, largest_emission: f64, remaining: f64) -> bool {
-        self.is_faded(largest_emission * remaining)
+        self.is_dim(largest_emission * remaining, NEGLIGIBLE)
     }
 
-    /// The same for at most `radiance` of light from behind.
+    /// Whether at most `radiance` of light is nothing beside what was gathered, even if a
+    /// thousand bricks say so in turn.
     #[inline]
     pub(super) fn is_faded(&self, radiance: f64) -> bool {
+        self.is_dim(radiance, 1e-3 * NEGLIGIBLE)
+    }
+
+    #[inline]
+    fn is_dim(&self, radiance: f64, share: f64) -> bool {
         if self.transmittance >= NEGLIGIBLE {
             return false;
         }
         let largest = self.radiance[0].max(self.radiance[1]).max(self.radiance[2]);
-        self.transmittance * radiance <= NEGLIGIBLE * largest || self.transmittance == 0.0
+        self.transmittance * radiance <= share * largest || self.transmittance == 0.0
     }
 
     /// Light that passes through a stretch of constant `extinction` and `emission` (1 / code
