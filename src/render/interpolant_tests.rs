@@ -83,7 +83,7 @@ fn nothing_jumps_at_borders_of_level_of_detail() {
     let data = TestData::new(rough);
     let cut = TestCut::new(&data, 8, some);
     let levels: std::collections::BTreeSet<u32> =
-        places().iter().map(|p| cut.owner(p.map(|x| x.max(0.0).min(11.9))).0).collect();
+        places().iter().map(|p| cut.owner(p.map(|x| x.clamp(0.0, 11.9))).0).collect();
     assert!(levels.len() == 4, "the cut must mix all levels: {levels:?}");
     for place in places() {
         let jump = jump(&cut, place);

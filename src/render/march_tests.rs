@@ -229,6 +229,25 @@ fn extremes_stay_finite() {
     }
 }
 
+#[test]
+fn a_wall_of_dust_ends_only_rays_that_nothing_can_change() {
+    let data = TestData::one_level(|_, _| 0.5);
+    let dust = transfer(&[(0.0, 40.0), (1.0, 40.0)], &[(0.0, 0.0), (0.9, 0.0), (1.0, 1e9)]);
+    let pieces = TransferPieces::new(&dust);
+    for interpolation in [Interpolation::Linear, Interpolation::Cell] {
+        let brick = data.brick(0, [0; 3], 8, interpolation);
+        let ray = ray([4.3, 4.2, 0.0], [0.0, 0.0, 1.0], 1.0);
+        // Before anything was gathered, something bright behind may still count, however faint.
+        for (gathered, done) in [(1e15, true), (0.0, false)] {
+            let mut state = RayState { radiance: [gathered; 3], transmittance: 1.0 };
+            march(&brick, &whole(&brick), DrawnNeighbours::ALL, &ray, &pieces, &EXACT, &mut state);
+            let exact = (-320.0_f64).exp();
+            assert!(state.transmittance < 1e-9 && state.is_done(1e11) == done, "{state:?}");
+            assert!(done || (state.transmittance / exact - 1.0).abs() < 1e-9, "{state:?}");
+        }
+    }
+}
+
 /// Huge values of both signs among ordinary ones.
 fn wild(level: u32, cell: [i128; 3]) -> f64 {
     let value = rough(level, cell);

@@ -31,6 +31,8 @@ mod probe;
 pub mod ray_state;
 pub mod rays;
 pub mod scaled;
+#[cfg(test)]
+mod scaled_tests;
 pub mod shading;
 pub mod stats;
 #[cfg(test)]

@@ -44,8 +44,11 @@ impl ScaledBlock {
     fn load(&mut self, raw: &Block, mapping: impl Fn(f32) -> f64) {
         self.side = raw.side;
         self.states.clear();
-        self.states.extend_from_slice(&raw.states);
         self.values.clear();
+        // Exact, because the memory limit counts these bytes.
+        self.states.reserve_exact(raw.states.len());
+        self.values.reserve_exact(raw.values.len());
+        self.states.extend_from_slice(&raw.states);
         self.values.extend(raw.values.iter().zip(&raw.states).map(|(&value, &bits)| {
             if bits & state::EXISTS == 0 { 0.0 } else { held(mapping(value)) }
         }));
@@ -131,6 +134,7 @@ impl ScaledBrick {
         block.side = own.side;
         block.states.clear();
         block.values.clear();
+        block.values.reserve_exact(own.side.pow(3));
         block.values.resize(own.side.pow(3), f64::NAN);
         for z in 0..edge {
             for y in 0..edge {
@@ -206,6 +210,7 @@ impl ScaledBrick {
             return;
         }
         let (side, count) = (block.side, self.edge + 1);
+        self.duals.reserve_exact(count.pow(3));
         let corners: [usize; 8] =
             std::array::from_fn(|c| block.at([c & 1, c >> 1 & 1, c >> 2 & 1]));
         for z in 0..count {

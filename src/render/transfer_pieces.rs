@@ -189,3 +189,54 @@ fn bends_at(x: f64, cuts: &[f64], sample: &impl Fn(f64) -> (f64, [f64; 3]), larg
     let third = |c: usize| beyond[c] - 3.0 * after[c] + 3.0 * at[c] - before[c];
     h > 0.0 && (0..3).any(|c| third(c).abs() > ROUNDING * largest)
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::scene::{ColorMap, ColorTable, PiecewiseLinear};
+
+    fn table(points: &[(f64, f64)]) -> PiecewiseLinear {
+        PiecewiseLinear::new(&points.iter().map(|&(x, y)| (x, [y])).collect::<Vec<_>>()).unwrap()
+    }
+
+    fn function(color: &ColorTable) -> TransferFunction {
+        let absorption = table(&[(0.1, 0.0), (0.3, 1e20), (0.3, 2.0), (0.9, 0.0)]);
+        let emission = table(&[(0.25, 0.0), (0.25, 3.0), (0.7, 1.0), (1.5, 4.0)]);
+        TransferFunction::from_tables(&absorption, &emission, color)
+    }
+
+    proptest! {
+        #[test]
+        fn pieces_are_the_function(random in -0.2..1.2_f64, near in 0..10usize) {
+            let map = ColorTable::Map(ColorMap::named("inferno").unwrap());
+            let transfer = function(&map);
+            let pieces = TransferPieces::new(&transfer);
+            let knot = [0.1, 0.25, 0.3, 0.7, 0.9, 1.0, 0.0, 1.0 / 255.0, 128.0 / 255.0, 2.0][near];
+            for x in [random, knot, knot.next_up()] {
+                let (piece, cut) = (pieces.all.at(x), pieces.knots.at(x));
+                let k = transfer.extinction(x);
+                prop_assert!((piece.extinction(x) - k).abs() <= 1e-9 * k + 1e-12, "κ({x})");
+                prop_assert!((cut.extinction(x) - k).abs() <= 1e-9 * k + 1e-12);
+                for (found, expected) in piece.emission(x).iter().zip(transfer.emission(x)) {
+                    prop_assert!((found - expected).abs() < 1e-9, "j({x}): {found} {expected}");
+                }
+                prop_assert_eq!(piece.is_transparent, transfer.is_transparent(
+                    piece.start, piece.end.next_down().min(1.0).max(piece.start)));
+            }
+        }
+    }
+
+    #[test]
+    fn only_colour_maps_bend_unannounced() {
+        let list = [(0.0, [1.0, 0.0, 0.0]), (0.5, [0.0, 1.0, 0.5]), (1.0, [0.2, 0.2, 0.2])];
+        let list =
+            TransferPieces::new(&function(&ColorTable::List(PiecewiseLinear::new(&list).unwrap())));
+        assert_eq!(list.all, list.knots);
+        let map = ColorTable::Map(ColorMap::named("viridis").unwrap());
+        let map = TransferPieces::new(&function(&map));
+        assert!(map.all.pieces.len() > 150);
+        assert!(map.knots.at(0.5).bends && !map.all.at(0.5).bends);
+    }
+}
