@@ -161,7 +161,7 @@ impl Block {
         Ok(Self { dataset, selection: SliceInfo { selections } })
     }
 
-    fn fill<T: H5Type, U>(&self, out: &mut [U], widen: impl Fn(T) -> U) -> Result<(), String> {
+    fn fill<T: H5Type + Copy, U>(&self, out: &mut [U], widen: impl Fn(T) -> U) -> Result<(), String> {
         let values = if self.selection.selections.is_empty() {
             self.dataset.read_array::<T>()
         } else {
@@ -171,7 +171,11 @@ impl Block {
         if values.len() != out.len() {
             return Err(format!("{} values were read, {} expected", values.len(), out.len()));
         }
-        for (to, from) in out.iter_mut().zip(values) {
+        // Walking an array of any rank by its own iterator takes ten times as long.
+        let Some(values) = values.as_slice() else {
+            return Err("the values are not in the order of the file".into());
+        };
+        for (to, &from) in out.iter_mut().zip(values) {
             *to = widen(from);
         }
         Ok(())
