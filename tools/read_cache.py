@@ -8,7 +8,6 @@ Prints the header as JSON; exit code 1 and the first fault where anything contra
 """
 
 import json
-import math
 import pathlib
 import struct
 import sys
@@ -22,7 +21,6 @@ EXISTS, REFINED = 1, 2
 
 
 def need(condition, reason):
-    """Stops where the cache contradicts its format."""
     if not condition:
         sys.exit(f"error: {reason}")
 
@@ -43,7 +41,7 @@ class Numbers:
 
     def optional(self):
         value = self.take("d")
-        return None if math.isnan(value) else value
+        return value if value == value else None  # NaN stands for none
 
 
 def read_header(data):
@@ -79,10 +77,9 @@ def read_records(data, header):
     need(len(data) == header["file_bytes"] and len(table) == 8 * pages, "wrong length")
     need(digest(table) == header["page_table_checksum"], "table is damaged")
     records, nodes = [], sum(level["nodes"] for level in header["levels"])
-    for page in range(pages):
+    for page, expected in enumerate(struct.unpack(f"<{pages}Q", table)):
         start = header["index_offset"] + page * PAGE
         members = data[start : start + PAGE]
-        (expected,) = struct.unpack_from("<Q", table, 8 * page)
         need(digest(members, seed=page) == expected, f"page {page} is damaged")
         for at in range(0, min(PAGE // size, nodes - len(records)) * size, size):
             of_fields = list(FIELD.iter_unpack(members[at + NODE.size : at + size]))
@@ -142,8 +139,7 @@ def main():
         for field, record in enumerate(fields):
             need(bool(record[9] & 1) == (record[2] == 0), f"brick {number}: void and stored")
             if record[2]:
-                decoded = decode(data, number, field, record, edge)
-                check_payload(number, node, record, edge, *decoded)
+                check_payload(number, node, record, edge, *decode(data, number, field, record, edge))
                 end += record[2]
     padding = data[end : header["index_offset"]]
     need(len(padding) < PAGE and not any(padding), "bytes between payloads and index")
