@@ -115,7 +115,7 @@ def decode(data, number, field, record, edge):
     return states, np.ascontiguousarray(planes.T).view("<f4").ravel(), sides[0], sides[-1]
 
 
-def check_payload(number, node, record, edge, states, values, first, last):
+def check_cells(number, node, record, edge, states, values, first, last):
     """Range, completeness, counts and children of one payload."""
     held, nan = values[states & EXISTS > 0], bool(record[9] & 2)
     sound = (record[3] <= held) & (held <= record[4]) | (nan & np.isnan(held))
@@ -139,7 +139,7 @@ def main():
         for field, record in enumerate(fields):
             need(bool(record[9] & 1) == (record[2] == 0), f"brick {number}: void and stored")
             if record[2]:
-                check_payload(number, node, record, edge, *decode(data, number, field, record, edge))
+                check_cells(number, node, record, edge, *decode(data, number, field, record, edge))
                 end += record[2]
     padding = data[end : header["index_offset"]]
     need(len(padding) < PAGE and not any(padding), "bytes between payloads and index")
