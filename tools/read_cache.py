@@ -1,0 +1,150 @@
+#!/usr/bin/env python3
+"""Reads a brick cache by docs/FORMAT.md alone, without deepfield, and checks every checksum.
+
+    pip install numpy xxhash zstandard
+    tools/read_cache.py CACHE.dfc
+
+Prints the header as JSON; exit code 1 and the first fault where anything contradicts the format.
+"""
+
+import json
+import pathlib
+import struct
+import sys
+
+import numpy as np
+from xxhash import xxh3_64_intdigest as digest
+from zstandard import ZstdDecompressor
+
+PAGE, NODE, FIELD = 65536, struct.Struct("<QQQIIIBBBB"), struct.Struct("<QQIffffffBBBB")
+EXISTS, REFINED = 1, 2
+
+
+def need(condition, reason):
+    if not condition:
+        sys.exit(f"error: {reason}")
+
+
+class Numbers:
+    """Little-endian numbers and strings, one after another."""
+
+    def __init__(self, data):
+        self.data, self.at = data, 0
+
+    def take(self, pattern):
+        values = struct.unpack_from("<" + pattern, self.data, self.at)
+        self.at += struct.calcsize("<" + pattern)
+        return values[0] if len(values) == 1 else list(values)
+
+    def text(self):
+        return self.take(f"{self.take('I')}s").decode()
+
+    def optional(self):
+        value = self.take("d")
+        return value if value == value else None  # NaN stands for none
+
+
+def read_header(data):
+    """The header as a dictionary, and its length."""
+    magic, version, length, checksum = struct.unpack_from("<8sIIQ", data)
+    need(magic == b"\x89DFC\r\n\x1a\n" and version == 1, "no cache of version 1")
+    need(digest(data[24:length]) == checksum, "the header is damaged")
+    body = Numbers(data[24:length])
+    names = "file_bytes index_offset index_pages page_table_checksum".split()
+    header = dict(zip(names, body.take("4Q")), checksum=f"{checksum:016x}")
+    header |= {"left": body.take("3d"), "right": body.take("3d"), "root_cells": body.take("3Q")}
+    header |= {"time": body.optional(), "brick_edge": body.take("I")}
+    header |= {"max_parent_blocks": body.take("I"), "format": body.text()}
+    names = "octree simulation first_node nodes grids cells leaf_cells".split()
+    header["levels"] = [dict(zip(names, body.take("ii5Q"))) for _ in range(body.take("I"))]
+    header["fields"] = [read_field(body) for _ in range(body.take("I"))]
+    need(body.at == length - 24, "the header is longer than its content")
+    return header, length
+
+
+def read_field(body):
+    field = {"name": body.text(), "units": body.text() or None, "to_cgs": body.optional()}
+    field |= {"exponent": body.take("i"), "min": body.take("d"), "max": body.take("d")}
+    field |= {"smallest_positive": body.optional()}
+    names = "sum sum_as_stored nan_cells dropped_cells dropped_volume dropped_sum relative_error"
+    return field | dict(zip(names.split(), body.take("ddQQddd")))
+
+
+def read_records(data, header):
+    """All bricks' records: (node record, field records)."""
+    pages, size = header["index_pages"], NODE.size + len(header["fields"]) * FIELD.size
+    table = data[header["index_offset"] + pages * PAGE :]
+    need(len(data) == header["file_bytes"] and len(table) == 8 * pages, "wrong length")
+    need(digest(table) == header["page_table_checksum"], "table is damaged")
+    records, nodes = [], sum(level["nodes"] for level in header["levels"])
+    for page, expected in enumerate(struct.unpack(f"<{pages}Q", table)):
+        start = header["index_offset"] + page * PAGE
+        members = data[start : start + PAGE]
+        need(digest(members, seed=page) == expected, f"page {page} is damaged")
+        for at in range(0, min(PAGE // size, nodes - len(records)) * size, size):
+            of_fields = list(FIELD.iter_unpack(members[at + NODE.size : at + size]))
+            records.append((NODE.unpack_from(members, at), of_fields))
+    need(len(records) == nodes, "the index is too short")
+    return records
+
+
+def check_tree(records):
+    """Children name their parents; counts beneath add up."""
+    for number, (node, _) in enumerate(records):
+        first, _, descendants, leaf, existing, refined, mask, depth = node[:8]
+        octants = [octant for octant in range(8) if mask >> octant & 1]
+        children = [node for node, _ in records[first : first + len(octants)]]
+        need(all(c[1] == number for c in children), f"brick {number}: a stranger's child")
+        need([c[8] for c in children] == octants, f"brick {number}: octants")
+        need(descendants == sum(1 + c[2] for c in children), f"brick {number}: descendants")
+        need(depth == max((1 + c[7] for c in children), default=0), f"brick {number}: depth")
+        need(leaf == existing - refined, f"brick {number}: leaf cells")
+
+
+def decode(data, number, field, record, edge):
+    """States and values of one payload: all blocks, and the side of the first and the last."""
+    seed = (number * 0x9E3779B97F4A7C15 & 0xFFFFFFFFFFFFFFFF) ^ field
+    payload = data[record[0] : record[0] + record[2]]
+    need(digest(payload, seed=seed) == record[1], f"brick {number}: payload is damaged")
+    sides = [max(edge >> up, 1) + 2 for up in range(record[10] + 1)]
+    cells = sum(side**3 for side in sides)
+    raw = ZstdDecompressor().decompress(payload, max_output_size=5 * cells)
+    need(len(raw) == 5 * cells, f"brick {number}: payload has another length")
+    states = np.frombuffer(raw, np.uint8, cells)
+    planes = np.frombuffer(raw, np.uint8, 4 * cells, cells).reshape(4, cells)
+    return states, np.ascontiguousarray(planes.T).view("<f4").ravel(), sides[0], sides[-1]
+
+
+def check_cells(number, node, record, edge, states, values, first, last):
+    """Range, completeness, counts and children of one payload."""
+    held, nan = values[states & EXISTS > 0], bool(record[9] & 2)
+    sound = (record[3] <= held) & (held <= record[4]) | (nan & np.isnan(held))
+    need(sound.all(), f"brick {number}: a value lies outside its range")
+    need(states[-(last**3) :].all(), f"brick {number}: its last block has holes")
+    own = states[: first**3].reshape((first,) * 3)[1:-1, 1:-1, 1:-1]
+    counts = [np.count_nonzero(own & bit) for bit in (EXISTS, REFINED)]
+    need(counts == list(node[4:6]), f"brick {number}: cells of another number")
+    z, y, x = (2 * axis // edge for axis in np.nonzero(own & REFINED))
+    octants = np.bitwise_or.reduce(1 << (x + 2 * y + 4 * z), initial=0)
+    need(octants == node[6], f"brick {number}: refined cells without a child")
+
+
+def main():
+    data = pathlib.Path(sys.argv[1]).read_bytes()
+    header, end = read_header(data)
+    print(json.dumps(header, indent=2))
+    records, edge = read_records(data, header), header["brick_edge"]
+    check_tree(records)
+    for number, (node, fields) in enumerate(records):
+        for field, record in enumerate(fields):
+            need(bool(record[9] & 1) == (record[2] == 0), f"brick {number}: void and stored")
+            if record[2]:
+                check_cells(number, node, record, edge, *decode(data, number, field, record, edge))
+                end += record[2]
+    padding = data[end : header["index_offset"]]
+    need(len(padding) < PAGE and not any(padding), "bytes between payloads and index")
+    print(f"sound: {len(records)} bricks, {header['index_pages']} pages, {len(data)} bytes")
+
+
+if __name__ == "__main__":
+    main()
