@@ -10,7 +10,7 @@ use super::build::upper_levels;
 use super::drafts::{Draft, Drafts, FieldDraft, field_record};
 use super::gather::{Gatherer, is_void, range};
 use super::hood::{Hood, Walk};
-use super::residual;
+use super::residual::Residual;
 use super::store::{BrickStore, StoredBricks};
 use crate::atomic_file::AtomicFile;
 use crate::cache::{Encoder, FieldRecord, Header, NodeRecord, RawBrick, Writer};
@@ -118,10 +118,12 @@ impl Completion<'_> {
 
     fn to_parent(&self, field: usize, raw: &RawBrick) -> [f64; 2] {
         let field = &self.header.fields[field];
-        let linear = residual::bound(self.header.shape, raw, |stored| field.value(stored));
+        let Some(residual) = Residual::new(self.header.shape, raw) else { return [0.0; 2] };
+        let factor = f64::from(field.exponent).exp2();
+        let linear = residual.bound(|stored| f64::from(stored) * factor);
         let Some(floor) = field.smallest_positive else { return [linear, f64::INFINITY] };
-        let log10 = residual::bound(self.header.shape, raw, |stored| {
-            let value = field.value(stored);
+        let log10 = residual.bound(|stored| {
+            let value = f64::from(stored) * factor;
             if value.is_nan() { value } else { value.max(floor).log10() }
         });
         [linear, log10]

@@ -2,52 +2,83 @@
 
 use crate::cache::{Block, BrickShape, RawBrick, state};
 
-/// Bounds |F_l − F_{l−1}| over the box of a brick, `F` as in `docs/ARCHITECTURE.md`, "Across
-/// levels", of values mapped by `scale`. Infinite where NaN takes part; 0 for the root.
+/// Where in a brick F_l − F_{l−1} is known closely, and where only bounded; `F` as in
+/// `docs/ARCHITECTURE.md`, "Across levels".
 ///
 /// Where every cell around exists on both levels, F_l = T_l and F_{l−1} = T_{l−1}: both are
 /// trilinear between half-integer coordinates of the finer level, so their difference takes its
 /// extremes there, and is evaluated. Elsewhere both are convex combinations of values nearby,
 /// whose range bounds it.
-pub(super) fn bound(shape: BrickShape, raw: &RawBrick, scale: impl Fn(f32) -> f64) -> f64 {
-    let [fine, coarse, ..] = raw.blocks.as_slice() else { return 0.0 };
-    let mut mapped = Vec::with_capacity(raw.blocks.len());
-    for block in &raw.blocks {
-        let values: Vec<f64> = block.values.iter().map(|&value| scale(value)).collect();
-        let exists = |(_, bits): &(&f64, &u8)| **bits & state::EXISTS != 0;
-        if values.iter().zip(&block.states).filter(exists).any(|(value, _)| value.is_nan()) {
-            return f64::INFINITY;
+pub(super) struct Residual<'r> {
+    raw: &'r RawBrick,
+    lattice: Lattice,
+    /// Existing cells beside borders.
+    beside: Vec<[usize; 3]>,
+}
+
+impl<'r> Residual<'r> {
+    /// Looks at the cells' states; none for the root, which has no parent.
+    pub(super) fn new(shape: BrickShape, raw: &'r RawBrick) -> Option<Self> {
+        let [fine, coarse, ..] = raw.blocks.as_slice() else { return None };
+        let edge = shape.edge();
+        let (mut lattice, mut beside) = (Lattice::new(edge), Vec::new());
+        let exists = |block: &Block| block.states.iter().all(|bits| bits & state::EXISTS != 0);
+        if exists(fine) && exists(coarse) {
+            return Some(Self { raw, lattice, beside });
         }
-        mapped.push(values);
-    }
-    let edge = shape.edge();
-    let mut lattice = Lattice::new(edge);
-    let mut bound = 0.0f64;
-    for z in 0..edge {
-        for y in 0..edge {
-            for x in 0..edge {
-                let (own, above) = ([x + 1, y + 1, z + 1], [x / 2 + 1, y / 2 + 1, z / 2 + 1]);
-                if fine.states[fine.at(own[0], own[1], own[2])] & state::EXISTS == 0 {
-                    continue;
-                }
-                if all_exist(fine, own) && all_exist(coarse, above) {
-                    lattice.mark([x, y, z]);
-                } else {
-                    bound = bound.max(spread(raw, &mapped, own, above));
+        lattice.marked = Some(vec![false; lattice.side().pow(3)]);
+        let (inner, above) = (surrounded(fine), surrounded(coarse));
+        for z in 0..edge {
+            for y in 0..edge {
+                for x in 0..edge {
+                    let own = fine.at(x + 1, y + 1, z + 1);
+                    let parent = coarse.at(x / 2 + 1, y / 2 + 1, z / 2 + 1);
+                    if inner[own] && above[parent] {
+                        lattice.mark([x, y, z]);
+                    } else if fine.states[own] & state::EXISTS != 0 {
+                        beside.push([x, y, z]);
+                    }
                 }
             }
         }
+        Some(Self { raw, lattice, beside })
     }
-    bound.max(lattice.difference(fine, &mapped[0], coarse, &mapped[1]))
+
+    /// Bounds |F_l − F_{l−1}| over the brick's box, of values mapped by `scale`. Infinite where
+    /// NaN takes part.
+    pub(super) fn bound(&self, scale: impl Fn(f32) -> f64) -> f64 {
+        let mut mapped = Vec::with_capacity(self.raw.blocks.len());
+        for block in &self.raw.blocks {
+            let values: Vec<f64> = block.values.iter().map(|&value| scale(value)).collect();
+            let exists = |(_, bits): &(&f64, &u8)| **bits & state::EXISTS != 0;
+            if values.iter().zip(&block.states).filter(exists).any(|(value, _)| value.is_nan()) {
+                return f64::INFINITY;
+            }
+            mapped.push(values);
+        }
+        let [fine, coarse, ..] = self.raw.blocks.as_slice() else { return 0.0 };
+        let inside = self.lattice.difference(fine, &mapped[0], coarse, &mapped[1]);
+        self.beside.iter().fold(inside, |bound, cell| {
+            let (own, above) = (cell.map(|c| c + 1), cell.map(|c| c / 2 + 1));
+            bound.max(spread(self.raw, &mapped, own, above))
+        })
+    }
 }
 
-fn all_exist(block: &Block, [x, y, z]: [usize; 3]) -> bool {
-    (z - 1..=z + 1).all(|z| {
-        (y - 1..=y + 1).all(|y| {
-            let start = block.at(x - 1, y, z);
-            block.states[start..start + 3].iter().all(|bits| bits & state::EXISTS != 0)
-        })
-    })
+/// For each cell of a block whether it and all 26 around it exist; never at the block's edge.
+fn surrounded(block: &Block) -> Vec<bool> {
+    let mut exist: Vec<bool> = block.states.iter().map(|bits| bits & state::EXISTS != 0).collect();
+    let last = exist.len();
+    for stride in [1, block.side, block.side * block.side] {
+        let before = exist.clone();
+        for (at, exists) in exist.iter_mut().enumerate() {
+            let inside = (at / stride) % block.side != 0 && (at / stride + 1) % block.side != 0;
+            *exists = inside && at + stride < last && {
+                before[at - stride] && before[at] && before[at + stride]
+            };
+        }
+    }
+    exist
 }
 
 /// Largest minus smallest value among what both interpolants can draw on beside a border.
@@ -75,11 +106,11 @@ fn spread(raw: &RawBrick, mapped: &[Vec<f64>], own: [usize; 3], above: [usize; 3
     high - low
 }
 
-/// The points at half-integer coordinates in a brick, (2B + 1)³, and which of them count.
+/// The points at half-integer coordinates in a brick, (2B + 1)³, and which of them count (none
+/// said: all).
 struct Lattice {
     edge: usize,
-    marked: Vec<bool>,
-    any: bool,
+    marked: Option<Vec<bool>>,
 }
 
 /// Along one axis: the value at a lattice point is `weights · values[first ..= first + 1]`.
@@ -87,7 +118,7 @@ type Tap = (usize, [f64; 2]);
 
 impl Lattice {
     fn new(edge: usize) -> Self {
-        Self { edge, marked: vec![false; (2 * edge + 1).pow(3)], any: false }
+        Self { edge, marked: None }
     }
 
     fn side(&self) -> usize {
@@ -96,25 +127,31 @@ impl Lattice {
 
     /// Counts the 27 points of a cell.
     fn mark(&mut self, cell: [usize; 3]) {
-        self.any = true;
         let side = self.side();
+        let Some(marked) = &mut self.marked else { return };
         for z in 2 * cell[2]..2 * cell[2] + 3 {
             for y in 2 * cell[1]..2 * cell[1] + 3 {
                 let start = (z * side + y) * side + 2 * cell[0];
-                self.marked[start..start + 3].fill(true);
+                marked[start..start + 3].fill(true);
             }
         }
     }
 
     /// Largest |T_l − T_{l−1}| over the marked points.
     fn difference(&self, fine: &Block, own: &[f64], coarse: &Block, above: &[f64]) -> f64 {
-        if !self.any {
+        if self.marked.as_ref().is_some_and(|marked| !marked.contains(&true)) {
             return 0.0;
         }
         let own = resample(own, fine.side, &self.fine_taps());
         let above = resample(above, coarse.side, &self.coarse_taps());
-        let marked = own.iter().zip(&above).zip(&self.marked).filter(|(_, marked)| **marked);
-        marked.fold(0.0, |most, ((a, b), _)| most.max((a - b).abs()))
+        let differences = own.iter().zip(&above).map(|(a, b)| (a - b).abs());
+        match &self.marked {
+            None => differences.fold(0.0, f64::max),
+            Some(marked) => {
+                let counted = differences.zip(marked).filter(|(_, marked)| **marked);
+                counted.fold(0.0, |most, (difference, _)| most.max(difference))
+            }
+        }
     }
 
     /// Even points lie on faces, odd ones at centres (block index = cell + 1).

@@ -161,7 +161,11 @@ impl Block {
         Ok(Self { dataset, selection: SliceInfo { selections } })
     }
 
-    fn fill<T: H5Type + Copy, U>(&self, out: &mut [U], widen: impl Fn(T) -> U) -> Result<(), String> {
+    fn fill<T: H5Type + Copy, U>(
+        &self,
+        out: &mut [U],
+        widen: impl Fn(T) -> U,
+    ) -> Result<(), String> {
         let values = if self.selection.selections.is_empty() {
             self.dataset.read_array::<T>()
         } else {
