@@ -56,6 +56,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     }
     let cache = Cache::open(&arguments.cache, Cursor::WINDOWS)?;
     let opening = started.elapsed().as_secs_f64();
+    warn_of_nan(&cache, &scene);
     let bar = Bar::new("render", "tiles");
     let progress = |done, total| bar.show("render", done, total);
     let options = RenderOptions {
@@ -69,6 +70,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     match &arguments.stats {
         Some(path) => write_stats(path, &rendered.stats),
         None => Ok(()),
+    }
+}
+
+fn warn_of_nan(cache: &Cache, scene: &Scene) {
+    let header = cache.header();
+    let field = header.field(&scene.volume.field).map(|index| &header.fields[index]);
+    if let Some(field) = field.filter(|field| field.nan_cells > 0) {
+        eprintln!(
+            "warning: {}: {} leaf cells are NaN: they are drawn as the lower end of the range",
+            field.name, field.nan_cells
+        );
     }
 }
 

@@ -34,7 +34,7 @@ impl Levels {
             if step > MAX_OCTREE_LEVEL {
                 return Err(Error::request(format!(
                     "level {} lies {step} factor-2 steps below the root grid: at most \
-                     {MAX_OCTREE_LEVEL} are supported; leave out deeper levels with --max-level",
+                     {MAX_OCTREE_LEVEL} are supported",
                     level + 1
                 )));
             }
