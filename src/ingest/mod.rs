@@ -153,7 +153,7 @@ fn survey_in(
     let fields = choose_fields(source, &options.fields)?;
     let plan = Plan::new(options.memory)?;
     progress.begin(Stage::Hierarchy, 0);
-    let layout = overlaps::lay_out(source, options.max_level, directory, plan.sort)?;
+    let layout = overlaps::lay_out(source, fields[0], options.max_level, directory, plan.sort)?;
     let shape = match options.brick {
         Some(edge) => BrickShape::new(edge)?,
         None => overlaps::choose_shape(layout.cubes)?,

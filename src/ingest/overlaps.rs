@@ -7,13 +7,19 @@ use super::morton;
 use super::sort::{Record, Sorted, Sorter};
 use super::spool::Spool;
 use crate::cache::BrickShape;
-use crate::source::{GridRecord, Source};
+use crate::source::{GridBlock, GridRecord, Source};
 use crate::space::{Domain, IndexBox, Levels};
 use crate::{Error, Result};
 
 /// Cells along an edge of the cubes that grids are first cut into: the smallest brick, of which
 /// the larger ones are made.
 pub(super) const CUBE_EDGE: u32 = 8;
+
+/// Most cells of one grid: more than any code gives a process.
+const MAX_GRID_CELLS: u128 = 1 << 36;
+/// Larger grids are read once, at their last cell, before anything is laid out for them: so a
+/// size that no data back up costs nothing.
+const TRUSTED_GRID_CELLS: u128 = 1 << 21;
 
 /// One grid reaches into one cube of [`CUBE_EDGE`]³ cells of its level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -114,8 +120,10 @@ pub(super) struct Layout {
 }
 
 /// Reads the hierarchy of `source`, leaving out grids deeper than simulation level `max_level`.
+/// `field` is one that will be ingested.
 pub(super) fn lay_out(
     source: &dyn Source,
+    field: usize,
     max_level: Option<u32>,
     directory: &Path,
     memory: usize,
@@ -128,7 +136,7 @@ pub(super) fn lay_out(
         if max_level.is_some_and(|most| grid.level > most) {
             return Ok(());
         }
-        let octree = check_grid(source, &hierarchy.domain, &hierarchy.levels, &grid)?;
+        let octree = check_grid(source, field, &hierarchy.domain, &hierarchy.levels, &grid)?;
         let number = grids.push(&grid)?;
         let at = octree as usize;
         if grids_per_level.len() <= at {
@@ -149,6 +157,7 @@ pub(super) fn lay_out(
 /// The grid's octree level, once its box is seen to lie in the domain.
 fn check_grid(
     source: &dyn Source,
+    field: usize,
     domain: &Domain,
     levels: &Levels,
     grid: &GridRecord,
@@ -167,6 +176,14 @@ fn check_grid(
             grid.cells().hi,
             grid.level
         ));
+    }
+    let cells: u128 = grid.size.iter().map(|&n| u128::from(n)).product();
+    if cells > MAX_GRID_CELLS {
+        return refuse(format!("{cells} cells: grids of at most 2^36 cells are supported"));
+    }
+    if cells > TRUSTED_GRID_CELLS {
+        let last = GridBlock { lo: grid.size.map(|n| n - 1), size: [1; 3] };
+        source.read(grid, field, last, &mut [0.0])?;
     }
     Ok(octree)
 }
