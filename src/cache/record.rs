@@ -34,9 +34,8 @@ impl NodeRecord {
     /// Index of the child in octant `octant` (`x + 2y + 4z`), if there is one.
     pub fn child(&self, octant: u8) -> Option<u64> {
         let bit = 1u8 << octant;
-        (self.child_mask & bit != 0).then(|| {
-            self.first_child + u64::from((self.child_mask & (bit - 1)).count_ones())
-        })
+        (self.child_mask & bit != 0)
+            .then(|| self.first_child + u64::from((self.child_mask & (bit - 1)).count_ones()))
     }
 
     pub(crate) fn write(&self, bytes: &mut ByteWriter) {
@@ -107,6 +106,17 @@ impl FieldRecord {
     /// Whether there is nothing to draw in the box at any level, and no payload.
     pub fn is_void(&self) -> bool {
         self.flags & Self::VOID != 0
+    }
+
+    /// Whether what is said of the box at any level takes in what is said of a child's.
+    pub(super) fn encloses(&self, child: &Self) -> bool {
+        if child.is_void() {
+            return true;
+        }
+        let [low, high] = [self.tree[0] <= child.tree[0], child.tree[1] <= self.tree[1]];
+        let nan = self.has_nan(false) || !child.has_nan(false);
+        let linear = child.residual_linear <= self.residual_linear;
+        low && high && nan && linear && child.residual_log10 <= self.residual_log10
     }
 
     /// Whether NaN cells may be drawn from this brick (`own`) or from it and those beneath.

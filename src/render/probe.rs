@@ -148,6 +148,7 @@ impl<'c> Probe<'c> {
             &mut self.decoder,
             &mut raw,
         )?;
+        self.cache.check_place(finest.node, self.field, &finest.place, &raw)?;
         self.bricks.insert(finest.node, raw);
         Ok(())
     }
