@@ -161,7 +161,7 @@ fn attack(rounds: u64) {
 
 #[test]
 fn damaged_caches_are_refused() {
-    attack(400);
+    attack(300);
 }
 
 #[test]

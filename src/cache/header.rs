@@ -313,7 +313,10 @@ impl TreeLevel {
     fn read(bytes: &mut ByteReader<'_>) -> Option<Self> {
         Some(Self {
             octree: bytes.i32()?,
-            simulation: u32::try_from(bytes.i32()?).ok(),
+            simulation: match bytes.i32()? {
+                -1 => None,
+                level => Some(u32::try_from(level).ok()?),
+            },
             first_node: bytes.u64()?,
             nodes: bytes.u64()?,
             grids: bytes.u64()?,
