@@ -253,7 +253,34 @@ impl Header {
             }
             next_node = next_node.checked_add(level.nodes).ok_or("it has too many bricks")?;
         }
-        self.check_root()
+        self.check_root()?;
+        self.check_simulation()
+    }
+
+    /// Levels of the simulation begin at the root grid and follow each other in one or two steps;
+    /// all others own nothing. No level has more cells than its bricks.
+    fn check_simulation(&self) -> Result<(), String> {
+        let (mut next, mut halves) = (0, 0);
+        for (depth, level) in self.levels.iter().enumerate() {
+            let refuse = |what: &str| Err(format!("its level {depth} of bricks {what}"));
+            let cells = level.nodes.saturating_mul(self.shape.cells() as u64);
+            if level.cells > cells || level.leaf_cells > level.cells || level.grids > level.cells {
+                return refuse("has more cells than its bricks hold");
+            }
+            match level.simulation {
+                Some(simulation) if level.octree >= 0 && simulation == next => {
+                    (next, halves) = (next + 1, 0);
+                }
+                None if level.octree < 0 || (level.octree > 0 && halves == 0) => {
+                    halves += u32::from(level.octree > 0);
+                    if level.leaf_cells > 0 || level.grids > 0 {
+                        return refuse("is no level of the simulation but owns cells");
+                    }
+                }
+                _ => return refuse("is not the simulation's level that is due there"),
+            }
+        }
+        if halves == 0 { Ok(()) } else { Err("its finest bricks are no simulation level's".into()) }
     }
 
     /// The root brick must cover the domain, and no more than that needs.
@@ -286,7 +313,10 @@ impl TreeLevel {
     fn read(bytes: &mut ByteReader<'_>) -> Option<Self> {
         Some(Self {
             octree: bytes.i32()?,
-            simulation: u32::try_from(bytes.i32()?).ok(),
+            simulation: match bytes.i32()? {
+                -1 => None,
+                level => Some(u32::try_from(level).ok()?),
+            },
             first_node: bytes.u64()?,
             nodes: bytes.u64()?,
             grids: bytes.u64()?,

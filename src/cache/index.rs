@@ -6,6 +6,7 @@ use std::fs::File;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::brick::BrickPlace;
 use super::bytes::ByteReader;
 use super::checksum::checksum_at;
 use super::header::Header;
@@ -198,7 +199,7 @@ impl<'c> Cursor<'c> {
     fn check_children(&mut self, node: u64, level: usize, record: &NodeRecord) -> Result<()> {
         let count = u64::from(record.child_mask.count_ones());
         if count == 0 {
-            let sound = record.first_child == 0 && record.descendants == 0;
+            let sound = record.first_child == 0 && record.descendants == 0 && record.depth == 0;
             return if sound { Ok(()) } else { Err(self.contradiction(node, "a child too many")) };
         }
         let next =
@@ -210,14 +211,40 @@ impl<'c> Cursor<'c> {
         if !inside {
             return Err(self.contradiction(node, "its children lie outside their level"));
         }
+        let (mut descendants, mut depth) = (0u64, 0);
         for octant in 0..8 {
             let Some(child) = record.child(octant) else { continue };
             let found = self.unchecked_node(child)?;
             if found.parent != node || found.octant != octant {
                 return Err(self.contradiction(child, "it is another brick's child"));
             }
+            descendants = descendants.saturating_add(found.descendants).saturating_add(1);
+            depth = depth.max(found.depth.saturating_add(1));
+        }
+        if record.descendants != descendants || record.depth != depth {
+            return Err(self.contradiction(node, "it counts other bricks beneath than it has"));
         }
         Ok(())
+    }
+
+    /// Where brick `node` lies, found by climbing to the root.
+    ///
+    /// # Errors
+    /// A damaged page, or records that contradict the tree.
+    pub fn place(&mut self, node: u64) -> Result<BrickPlace> {
+        let tree_level = self.header.level_of(node);
+        let (mut coordinates, mut climbing) = ([0; 3], node);
+        for step in 0..tree_level {
+            let record = self.unchecked_node(climbing)?;
+            for (a, coordinate) in coordinates.iter_mut().enumerate() {
+                *coordinate |= i128::from(record.octant >> a & 1) << step;
+            }
+            if self.header.level_of(record.parent) != tree_level - step - 1 {
+                return Err(self.contradiction(climbing, "its parent lies at another level"));
+            }
+            climbing = record.parent;
+        }
+        Ok(BrickPlace { tree_level, octree: self.header.levels[tree_level].octree, coordinates })
     }
 
     fn contradiction(&self, node: u64, reason: &str) -> Error {

@@ -5,6 +5,7 @@
 
 mod brick;
 pub(crate) mod bytes;
+mod check;
 mod checksum;
 mod codec;
 mod header;

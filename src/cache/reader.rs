@@ -4,8 +4,9 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
-use super::brick::{RawBrick, state};
+use super::brick::{BrickPlace, RawBrick};
 use super::bytes::ByteReader;
+use super::check::{check_brick, marks_outside};
 use super::checksum::{checksum, checksum_at, payload_place};
 use super::codec::{Decoder, stored_bytes_limit};
 use super::header::{Header, MAGIC, MAX_HEADER_BYTES, PREFIX_BYTES, VERSION};
@@ -106,17 +107,7 @@ impl Cache {
         decoder: &mut Decoder,
         brick: &mut RawBrick,
     ) -> Result<()> {
-        let damaged = |reason: &str| {
-            let level = self.header.levels[self.header.level_of(node)].octree;
-            let name = self.header.fields.get(field).map_or("?", |f| f.name.as_str());
-            Error::invalid(
-                self.path.display(),
-                format!(
-                    "brick {node} (octree level {level}), field {name}, is damaged: {reason}; \
-                     ingest the data again"
-                ),
-            )
-        };
+        let damaged = |reason: &str| self.damaged(node, field, reason);
         let shape = self.header.shape;
         let blocks = usize::from(record.parent_blocks) + 1;
         let length = record.stored_bytes as usize;
@@ -136,6 +127,36 @@ impl Cache {
         }
         decoder.decode(shape, blocks, brick).map_err(damaged)?;
         check_brick(shape.edge(), node_record, record, brick).map_err(damaged)
+    }
+
+    /// Checks what [`Self::read_brick`] has read against the place at which the tree has the
+    /// brick.
+    ///
+    /// # Errors
+    /// Cells beyond the domain that hold something, or cells inside that are marked as beyond it.
+    pub fn check_place(
+        &self,
+        node: u64,
+        field: usize,
+        place: &BrickPlace,
+        brick: &RawBrick,
+    ) -> Result<()> {
+        if marks_outside(&self.header, place, brick) {
+            return Ok(());
+        }
+        Err(self.damaged(node, field, "its cells are not marked where the domain ends"))
+    }
+
+    fn damaged(&self, node: u64, field: usize, reason: &str) -> Error {
+        let level = self.header.levels[self.header.level_of(node)].octree;
+        let name = self.header.fields.get(field).map_or("?", |f| f.name.as_str());
+        Error::invalid(
+            self.path.display(),
+            format!(
+                "brick {node} (octree level {level}), field {name}, is damaged: {reason}; ingest \
+                 the data again"
+            ),
+        )
     }
 }
 
@@ -194,59 +215,4 @@ fn read_page_table(file: &File, path: &Path, header: &Header) -> Result<Vec<u64>
     }
     let words = table.chunks_exact(8);
     Ok(words.map(|w| w.try_into().map_or(0, u64::from_le_bytes)).collect())
-}
-
-/// Whether a decoded payload is what its records say.
-fn check_brick(
-    edge: usize,
-    node: &NodeRecord,
-    record: &FieldRecord,
-    brick: &RawBrick,
-) -> std::result::Result<(), &'static str> {
-    let nan = record.has_nan(true);
-    for block in &brick.blocks {
-        let sound = block.values.iter().zip(&block.states).all(|(&value, &bits)| {
-            bits & state::EXISTS == 0
-                || (record.own[0] <= value && value <= record.own[1])
-                || (nan && value.is_nan())
-        });
-        if !sound {
-            return Err("a value lies outside the range that the index gives");
-        }
-    }
-    let complete = |bits: &u8| bits & (state::EXISTS | state::OUTSIDE) != 0;
-    if !brick.blocks.last().is_some_and(|block| block.states.iter().all(complete)) {
-        return Err("its last block has holes");
-    }
-    check_cells(edge, node, brick)
-}
-
-/// Counts and children must agree with the cells' states.
-fn check_cells(
-    edge: usize,
-    node: &NodeRecord,
-    brick: &RawBrick,
-) -> std::result::Result<(), &'static str> {
-    let Some(block) = brick.blocks.first() else { return Err("it has no cells") };
-    let (mut existing, mut refined, mut octants) = (0, 0, 0u8);
-    for z in 0..edge {
-        for y in 0..edge {
-            let start = block.at(1, y + 1, z + 1);
-            let upper = (2 * y / edge) << 1 | (2 * z / edge) << 2;
-            for (x, bits) in block.states[start..start + edge].iter().enumerate() {
-                existing += u32::from(bits & state::EXISTS);
-                if bits & state::REFINED != 0 {
-                    refined += 1;
-                    octants |= 1 << (2 * x / edge | upper);
-                }
-            }
-        }
-    }
-    if existing != node.existing_cells || refined != node.refined_cells {
-        return Err("it has other cells than the index counts");
-    }
-    if octants != node.child_mask {
-        return Err("its refined cells are not where it has children");
-    }
-    Ok(())
 }

@@ -108,6 +108,17 @@ impl FieldRecord {
         self.flags & Self::VOID != 0
     }
 
+    /// Whether what is said of the box at any level takes in what is said of a child's.
+    pub(super) fn encloses(&self, child: &Self) -> bool {
+        if child.is_void() {
+            return true;
+        }
+        let [low, high] = [self.tree[0] <= child.tree[0], child.tree[1] <= self.tree[1]];
+        let nan = self.has_nan(false) || !child.has_nan(false);
+        let linear = child.residual_linear <= self.residual_linear;
+        low && high && nan && linear && child.residual_log10 <= self.residual_log10
+    }
+
     /// Whether NaN cells may be drawn from this brick (`own`) or from it and those beneath.
     pub fn has_nan(&self, own: bool) -> bool {
         self.flags & if own { Self::NAN_OWN } else { Self::NAN_TREE } != 0

@@ -4,6 +4,8 @@ use std::os::unix::fs::FileExt;
 
 use super::brick::RawBrick;
 use super::codec::Decoder;
+use super::header::TreeLevel;
+use super::index::Cursor;
 use super::reader::Cache;
 use super::record::NodeRecord;
 use crate::{Error, Result};
@@ -56,21 +58,16 @@ pub fn verify(cache: &Cache, progress: &mut dyn FnMut(u64, u64)) -> Result<Repor
     let mut report = Report { bricks: header.nodes(), ..Report::default() };
     let mut check = Check {
         cache,
+        cursor: cache.cursor(),
         decoder: Decoder::new()
             .map_err(|source| Error::io(cache.path(), "cannot set up the codec", source))?,
         brick: RawBrick::default(),
         children_end: 0,
+        cells: 0,
+        leaf_cells: 0,
     };
-    for (depth, level) in header.levels.iter().enumerate() {
-        check.children_end = header.levels.get(depth + 1).map_or(0, |next| next.first_node);
-        for node in level.first_node..level.first_node + level.nodes {
-            check.node(node, level.octree, &mut report);
-            progress(node + 1, header.nodes());
-        }
-        let end = header.levels.get(depth + 1).map_or(0, |next| next.first_node + next.nodes);
-        if check.children_end != end && report.damaged == 0 {
-            report.add(Some(level.octree), None, "bricks of the next level have no parent".into());
-        }
+    for depth in 0..header.levels.len() {
+        check.level(depth, &mut report, progress);
     }
     check.gaps(&mut report)?;
     Ok(report)
@@ -78,46 +75,89 @@ pub fn verify(cache: &Cache, progress: &mut dyn FnMut(u64, u64)) -> Result<Repor
 
 struct Check<'c> {
     cache: &'c Cache,
+    cursor: Cursor<'c>,
     decoder: Decoder,
     brick: RawBrick,
     /// One past the last child seen: children follow each other without gaps.
     children_end: u64,
+    /// Cells and leaf cells of the level's bricks so far.
+    cells: u64,
+    leaf_cells: u64,
 }
 
 impl Check<'_> {
-    fn node(&mut self, node: u64, octree: i32, report: &mut Report) {
-        let mut cursor = self.cache.cursor();
-        let record = match cursor.node(node) {
+    fn level(&mut self, depth: usize, report: &mut Report, progress: &mut dyn FnMut(u64, u64)) {
+        let header = self.cache.header();
+        let level = header.levels[depth];
+        let next = header.levels.get(depth + 1);
+        self.children_end = next.map_or(0, |next| next.first_node);
+        (self.cells, self.leaf_cells) = (0, 0);
+        for node in level.first_node..level.first_node + level.nodes {
+            self.node(node, &level, report);
+            progress(node + 1, header.nodes());
+        }
+        if report.damaged > 0 {
+            return;
+        }
+        if self.children_end != next.map_or(0, |next| next.first_node + next.nodes) {
+            report.add(Some(level.octree), None, "bricks of the next level have no parent".into());
+        }
+        if (self.cells, self.leaf_cells) != (level.cells, level.leaf_cells) {
+            let reason = "the header counts other cells than the level's bricks have";
+            report.add(Some(level.octree), None, reason.into());
+        }
+    }
+
+    fn node(&mut self, node: u64, level: &TreeLevel, report: &mut Report) {
+        let record = match self.cursor.node(node) {
             Ok(record) => record,
-            Err(error) => return report.add(Some(octree), None, error.to_string()),
+            Err(error) => return report.add(Some(level.octree), None, error.to_string()),
+        };
+        let mut wrong = |what| {
+            report.add(Some(level.octree), None, format!("brick {node}'s {what}"));
         };
         if record.child_mask != 0 && record.first_child != self.children_end {
-            report.add(Some(octree), None, format!("brick {node}'s children are out of order"));
+            wrong("children are out of order");
+        }
+        if node == 0 && (record.parent, record.octant) != (0, 0) {
+            wrong("parent cannot be: it is the root");
+        }
+        if record.existing_cells.checked_sub(record.refined_cells) != Some(record.leaf_cells) {
+            wrong("counts of cells contradict each other");
         }
         self.children_end += u64::from(record.child_mask.count_ones());
+        self.cells += u64::from(record.existing_cells);
+        self.leaf_cells += u64::from(record.leaf_cells);
         for field in 0..self.cache.header().fields.len() {
-            if let Err(error) = self.payload(node, &record, field, &mut cursor, report) {
-                report.add(Some(octree), Some(field), error.to_string());
+            if let Err(error) = self.field(node, &record, field, report) {
+                report.add(Some(level.octree), Some(field), error.to_string());
             }
         }
     }
 
-    fn payload(
+    fn field(
         &mut self,
         node: u64,
         node_record: &NodeRecord,
         field: usize,
-        cursor: &mut super::Cursor<'_>,
         report: &mut Report,
     ) -> Result<()> {
-        let record = cursor.field(node, field)?;
-        if record.is_void() {
-            return Ok(());
+        let record = self.cursor.field(node, field)?;
+        if !record.is_void() {
+            report.payloads += 1;
+            report.bytes += u64::from(record.stored_bytes);
+            let (decoder, brick) = (&mut self.decoder, &mut self.brick);
+            self.cache.read_brick(node, node_record, field, &record, decoder, brick)?;
+            self.cache.check_place(node, field, &self.cursor.place(node)?, &self.brick)?;
         }
-        report.payloads += 1;
-        report.bytes += u64::from(record.stored_bytes);
-        let (decoder, brick) = (&mut self.decoder, &mut self.brick);
-        self.cache.read_brick(node, node_record, field, &record, decoder, brick)
+        for child in (0..8).filter_map(|octant| node_record.child(octant)) {
+            if !record.encloses(&self.cursor.field(child, field)?) {
+                let place = self.cache.path().display();
+                let reason = format!("brick {node}'s range leaves out what brick {child} holds");
+                return Err(Error::invalid(place, reason));
+            }
+        }
+        Ok(())
     }
 
     /// Payloads fill the space before the index but for its padding, which is zero.

@@ -80,6 +80,7 @@ impl Loader for BrickLoader<'_> {
         let BrickRequest { node, place, record, field } = request;
         let BrickScratch { decoder, raw } = scratch;
         self.cache.read_brick(*node, record, self.shading.field, field, decoder, raw)?;
+        self.cache.check_place(*node, self.shading.field, place, raw)?;
         let header = self.cache.header();
         let map = |stored| self.shading.map(stored);
         brick.prepare(raw, place, header, map, self.shading.interpolation)?;

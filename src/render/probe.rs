@@ -22,7 +22,8 @@ const SHRUNK: f64 = 1.0 / (1u64 << 30) as f64;
 /// What is at a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Found {
-    /// The simulation's level of the leaf cell that holds the point.
+    /// The simulation's level of the leaf cell that holds the point; where a whole brick was
+    /// dropped, the brick's level.
     pub level: u32,
     /// The cell's value, or the interpolant's; NaN where it is NaN or dropped.
     pub value: f64,
@@ -113,7 +114,10 @@ impl<'c> Probe<'c> {
     fn look_up(&mut self, finest: &Finest, position: &Position) -> Result<Found> {
         let cell = self.cell(position, &finest.place);
         if finest.field.is_void() {
-            return Ok(Found { level: self.level(finest.place.tree_level)?, value: f64::NAN });
+            // No payload says which of its cells the level owns: the brick's level stands for all.
+            let levels = self.cache.header().levels.iter().take(finest.place.tree_level + 1);
+            let level = levels.filter_map(|level| level.simulation).max().unwrap_or(0);
+            return Ok(Found { level, value: f64::NAN });
         }
         self.load(finest)?;
         let raw = &self.bricks[&finest.node];
@@ -148,6 +152,7 @@ impl<'c> Probe<'c> {
             &mut self.decoder,
             &mut raw,
         )?;
+        self.cache.check_place(finest.node, self.field, &finest.place, &raw)?;
         self.bricks.insert(finest.node, raw);
         Ok(())
     }

@@ -3,6 +3,8 @@
 // Each test program uses only a part of it.
 #![allow(dead_code)]
 
+pub(crate) mod program;
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 

@@ -1,0 +1,99 @@
+//! Whether a decoded payload is what the index says, and fits its place.
+
+use super::brick::{Block, BrickPlace, RawBrick, state};
+use super::header::Header;
+use super::record::{FieldRecord, NodeRecord};
+
+/// Whether a decoded payload is what its records say.
+pub(super) fn check_brick(
+    edge: usize,
+    node: &NodeRecord,
+    record: &FieldRecord,
+    brick: &RawBrick,
+) -> Result<(), &'static str> {
+    let nan = record.has_nan(true);
+    for block in &brick.blocks {
+        let sound = block.values.iter().zip(&block.states).all(|(&value, &bits)| {
+            bits & state::EXISTS == 0
+                || (record.own[0] <= value && value <= record.own[1])
+                || (nan && value.is_nan())
+        });
+        if !sound {
+            return Err("a value lies outside the range that the index gives");
+        }
+    }
+    let complete = |bits: &u8| bits & (state::EXISTS | state::OUTSIDE) != 0;
+    if !brick.blocks.last().is_some_and(|block| block.states.iter().all(complete)) {
+        return Err("its last block has holes");
+    }
+    check_cells(edge, node, brick)
+}
+
+/// Counts and children must agree with the cells' states.
+fn check_cells(edge: usize, node: &NodeRecord, brick: &RawBrick) -> Result<(), &'static str> {
+    let Some(block) = brick.blocks.first() else { return Err("it has no cells") };
+    let (mut existing, mut refined, mut octants) = (0, 0, 0u8);
+    for z in 0..edge {
+        for y in 0..edge {
+            let start = block.at(1, y + 1, z + 1);
+            let upper = (2 * y / edge) << 1 | (2 * z / edge) << 2;
+            for (x, bits) in block.states[start..start + edge].iter().enumerate() {
+                existing += u32::from(bits & state::EXISTS);
+                if bits & state::REFINED != 0 {
+                    refined += 1;
+                    octants |= 1 << (2 * x / edge | upper);
+                }
+            }
+        }
+    }
+    if existing != node.existing_cells || refined != node.refined_cells {
+        return Err("it has other cells than the index counts");
+    }
+    if octants != node.child_mask {
+        return Err("its refined cells are not where it has children");
+    }
+    Ok(())
+}
+
+/// Whether just those cells are marked as beyond the domain that are, in every block.
+pub(super) fn marks_outside(header: &Header, place: &BrickPlace, brick: &RawBrick) -> bool {
+    let lowest = place.lowest_cell(header.shape);
+    brick.blocks.iter().enumerate().all(|(up, block)| {
+        let up = u32::try_from(up).unwrap_or(u32::MAX).min(126);
+        let octree = place.octree.saturating_sub_unsigned(up);
+        let domain = header.domain.root_cells().map(|cells| cells_at(octree, cells));
+        let inside = std::array::from_fn(|a| {
+            let first = (lowest[a] >> up) - 1;
+            [-first, domain[a] - first]
+        });
+        block_marks_outside(block, inside)
+    })
+}
+
+/// Cells of a domain of `root` root cells along an axis, counted at octree level `octree`; those
+/// that it only touches are included.
+fn cells_at(octree: i32, root: u64) -> i128 {
+    let (root, steps) = (i128::from(root), octree.unsigned_abs().min(100));
+    if octree >= 0 { root << steps } else { -(-root >> steps) }
+}
+
+/// The same for one block, in which `inside` are the first cell of the domain and the first one
+/// beyond it along each axis.
+fn block_marks_outside(block: &Block, inside: [[i128; 2]; 3]) -> bool {
+    let side = block.side as i128;
+    if inside.iter().all(|[first, end]| *first <= 0 && side <= *end) {
+        return !block.states.contains(&state::OUTSIDE);
+    }
+    let within = |a: usize, i: usize| (inside[a][0]..inside[a][1]).contains(&(i as i128));
+    (0..block.side).all(|z| {
+        (0..block.side).all(|y| {
+            let in_row = within(1, y) && within(2, z);
+            let row = block.at(0, y, z);
+            let states = &block.states[row..row + block.side];
+            states
+                .iter()
+                .enumerate()
+                .all(|(x, &bits)| (bits == state::OUTSIDE) != (in_row && within(0, x)))
+        })
+    })
+}

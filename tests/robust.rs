@@ -1,0 +1,245 @@
+//! Runs that are killed, refused or in each other's way: nothing half-written is left, and a user
+//! is told in one line.
+
+mod support;
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use support::program::{end, names, run, start, written};
+use support::synth;
+
+const SCENE: &str = "[image]\nwidth = 24\nheight = 16\n[camera]\nposition = [0.45, 0.4, -1.2]\n\
+                     look_at = [0.45, 0.45, 0.4]\n[[volume]]\nfield = \"density\"\n";
+
+/// A folder with the data set `name` in it.
+fn data(name: &str) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let source = synth(name, folder.path()).unwrap();
+    (folder, source)
+}
+
+fn is_root() -> bool {
+    let id = Command::new("id").arg("-u").output();
+    id.is_ok_and(|output| output.stdout.trim_ascii() == b"0")
+}
+
+#[test]
+fn a_killed_ingest_leaves_nothing_that_the_next_does_not_clean() {
+    let (folder, source) = data("jumps");
+    let target = folder.path().join("out/cache.dfc");
+    std::fs::create_dir(folder.path().join("out")).unwrap();
+    let arguments: [&dyn AsRef<std::ffi::OsStr>; 5] =
+        [&"ingest", &source, &"-o", &target, &"--brick=8"];
+    let began = Instant::now();
+    run(&arguments).done();
+    let whole = began.elapsed();
+    let sound = std::fs::read(&target).unwrap();
+    std::fs::remove_file(&target).unwrap();
+    let mut killed = 0;
+    for twentieth in 1..20 {
+        let mut child = start(&arguments);
+        std::thread::sleep(whole * twentieth / 20);
+        let _ = child.kill();
+        killed += u32::from(child.wait().unwrap().code().is_none());
+        if target.exists() {
+            assert!(std::fs::read(&target).unwrap() == sound, "a cache that is not whole");
+            std::fs::remove_file(&target).unwrap();
+        }
+        let left = names(&folder.path().join("out"));
+        assert!(left.iter().all(|name| name == ".cache.dfc.deepfield-partial"), "{left:?}");
+    }
+    assert!(killed >= 5, "only {killed} runs were killed before they ended");
+    run(&arguments).done();
+    assert_eq!(names(&folder.path().join("out")), ["cache.dfc"]);
+    assert!(std::fs::read(&target).unwrap() == sound, "an ingest after killed ones differs");
+}
+
+#[test]
+fn a_failed_ingest_leaves_the_cache_that_was_there() {
+    let (folder, source) = data("small");
+    let target = folder.path().join("cache");
+    run(&[&"ingest", &source, &"-o", &target]).done();
+    let (sound, before) = (std::fs::read(&target).unwrap(), names(folder.path()));
+    let data = source.with_extension("cpu0000");
+    let length = std::fs::metadata(&data).unwrap().len();
+    File::options().write(true).open(&data).unwrap().set_len(length / 2).unwrap();
+    let line = run(&[&"ingest", &source, &"-o", &target]).failed();
+    assert!(line.contains("cpu0000"), "{line}");
+    assert!(std::fs::read(&target).unwrap() == sound);
+    assert_eq!(names(folder.path()), before);
+}
+
+#[test]
+fn a_second_ingest_to_the_same_target_is_refused() {
+    let (folder, source) = data("jumps");
+    let target = folder.path().join("cache.dfc");
+    let partial = folder.path().join(".cache.dfc.deepfield-partial");
+    let first = start(&[&"ingest", &source, &"-o", &target, &"--brick=8", &"--threads=1"]);
+    let began = Instant::now();
+    while !partial.exists() && began.elapsed() < Duration::from_secs(30) {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let line = run(&[&"ingest", &source, &"-o", &target]).failed();
+    assert!(line.contains("another process is writing"), "{line}");
+    end(first).done();
+    run(&[&"verify", &target]).done();
+}
+
+#[test]
+fn targets_and_sources_that_cannot_be_are_named() {
+    let (folder, source) = data("small");
+    let before = names(folder.path());
+    let to = |target: &Path| run(&[&"ingest", &source, &"-o", &target]).failed();
+    assert!(to(&folder.path().join("no/such/cache.dfc")).contains("no/such/cache.dfc"));
+    assert!(to(folder.path()).contains("is a directory"));
+    assert!(to(Path::new("/dev/full")).contains("not a regular file"));
+    let target = folder.path().join("cache.dfc");
+    let from = |source: &Path| run(&[&"ingest", &source, &"-o", &target]).failed();
+    assert!(from(&folder.path().join("absent")).contains("absent"));
+    assert!(from(&written(folder.path(), "text", "no output")).contains("known format"));
+    std::fs::remove_file(folder.path().join("text")).unwrap();
+    let line = run(&[&"ingest", &source, &"-o", &target, &"--field=densty"]).failed();
+    assert!(line.contains("densty") && line.contains("Density"), "{line}");
+    assert_eq!(names(folder.path()), before);
+}
+
+#[test]
+fn folders_and_files_without_permission_are_named() {
+    use std::os::unix::fs::PermissionsExt;
+    if is_root() {
+        return eprintln!("skipped: root may read and write everything");
+    }
+    let (folder, source) = data("small");
+    let closed = folder.path().join("closed");
+    std::fs::create_dir(&closed).unwrap();
+    std::fs::set_permissions(&closed, std::fs::Permissions::from_mode(0o555)).unwrap();
+    let line = run(&[&"ingest", &source, &"-o", &closed.join("cache")]).failed();
+    assert!(line.contains("closed/cache"), "{line}");
+    let data = source.with_extension("cpu0000");
+    std::fs::set_permissions(&data, std::fs::Permissions::from_mode(0)).unwrap();
+    let line = run(&[&"ingest", &source, &"-o", &folder.path().join("cache")]).failed();
+    assert!(line.contains("cpu0000"), "{line}");
+}
+
+/// A file system of `kibibytes`, gone when dropped.
+struct SmallDisk(PathBuf);
+
+impl SmallDisk {
+    fn new(folder: &Path, kibibytes: u32) -> Option<Self> {
+        std::fs::create_dir_all(folder).unwrap();
+        let mut mount = Command::new("mount");
+        mount.args(["-t", "tmpfs", "-o", &format!("size={kibibytes}k"), "tmpfs"]).arg(folder);
+        let mounted = mount.stderr(Stdio::null()).status().is_ok_and(|status| status.success());
+        mounted.then(|| Self(folder.to_path_buf()))
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg(&self.0).status();
+    }
+}
+
+#[test]
+fn a_full_disk_is_told_and_left_empty() {
+    let (folder, source) = data("small");
+    let cache = folder.path().join("cache.dfc");
+    run(&[&"ingest", &source, &"-o", &cache]).done();
+    let scene = written(folder.path(), "scene.toml", SCENE);
+    for kibibytes in [64, 256, 1024] {
+        let Some(disk) = SmallDisk::new(&folder.path().join("disk"), kibibytes) else {
+            return eprintln!("skipped: no small file system can be mounted");
+        };
+        let target = disk.0.join("cache.dfc");
+        let line = run(&[&"ingest", &source, &"-o", &target]).failed();
+        assert!(line.contains("No space left"), "{line}");
+        assert_eq!(names(&disk.0), [""; 0]);
+        if kibibytes == 64 {
+            let wide = written(folder.path(), "wide.toml", &SCENE.replace("24", "2400"));
+            let picture = disk.0.join("picture.exr");
+            let line = run(&[&"render", &cache, &wide, &"-o", &picture]).failed();
+            assert!(line.contains("No space left"), "{line}");
+            let stats = disk.0.join("no/stats.json");
+            let picture = folder.path().join("picture.exr");
+            run(&[&"render", &cache, &scene, &"-o", &picture, &"--stats", &stats]).failed();
+            assert_eq!(names(&disk.0), [""; 0]);
+        }
+    }
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_fault_and_a_full_device_is() {
+    let (folder, source) = data("small");
+    let cache = folder.path().join("cache.dfc");
+    run(&[&"ingest", &source, &"-o", &cache]).done();
+    for command in ["info", "verify"] {
+        let mut child = start(&[&command, &cache]);
+        drop(child.stdout.take());
+        let ended = end(child);
+        assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""), "{command}");
+        let mut child = Command::new(env!("CARGO_BIN_EXE_deepfield"));
+        let full = File::options().write(true).open("/dev/full").unwrap();
+        let output = child.arg(command).arg(&cache).stdout(full).output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{command}");
+        assert!(said.starts_with("error: ") && said.contains("No space left"), "{said}");
+    }
+}
+
+#[test]
+fn wrong_usage_is_told_apart_from_failures() {
+    let wrong: [&[&dyn AsRef<std::ffi::OsStr>]; 7] = [
+        &[&"frobnicate"],
+        &[&"ingest", &"input"],
+        &[&"ingest", &"input", &"-o", &"cache", &"--memory", &"much"],
+        &[&"ingest", &"input", &"-o", &"cache", &"--threads", &"0"],
+        &[&"render", &"cache"],
+        &[&"probe", &"cache", &"--field", &"density"],
+        &[&"info", &"one", &"two"],
+    ];
+    for arguments in wrong {
+        let ended = run(arguments);
+        assert_eq!(ended.code, Some(2), "{ended:?}");
+        assert!(ended.stdout.is_empty() && ended.stderr.starts_with("error: "), "{ended:?}");
+    }
+}
+
+#[test]
+fn pictures_scenes_and_points_that_cannot_be_are_refused() {
+    let (folder, source) = data("small");
+    let cache = folder.path().join("cache.dfc");
+    run(&[&"ingest", &source, &"-o", &cache]).done();
+    let render = |scene: &str, picture: &str| {
+        let scene = written(folder.path(), "scene.toml", scene);
+        let picture = folder.path().join(picture);
+        let line = run(&[&"render", &cache, &scene, &"-o", &picture]).failed();
+        assert!(!picture.exists());
+        line
+    };
+    let line = render(SCENE, "picture.jpg");
+    assert!(line.contains("picture.jpg") && line.contains(".png"), "{line}");
+    for (wrong, line_number, hint) in [
+        (SCENE.replace("width", "widht"), "line 2", "width"),
+        (SCENE.replace("look_at", "lookat"), "line 6", "look_at"),
+        (SCENE.replace("[[volume]]", "[[volumes]]"), "line 7", "volume"),
+        (SCENE.replace("24", "0"), "line 2", "width"),
+    ] {
+        let line = render(&wrong, "picture.exr");
+        let told = line.contains("scene.toml") && line.contains(line_number) && line.contains(hint);
+        assert!(told, "{line}");
+    }
+    let line = render(&SCENE.replace("density", "densty"), "picture.exr");
+    assert!(line.contains("densty") && line.contains("Density"), "{line}");
+    let probe = |text: &str| {
+        let points = written(folder.path(), "points.csv", text);
+        run(&[&"probe", &cache, &"--field=density", &"--points", &points]).failed()
+    };
+    assert!(probe("").contains("points.csv"));
+    assert!(probe("a,b,c\n0,0,0\n").contains("x,y,z"));
+    assert!(probe("x,y,z\n0,0,0\n0.5,zero,0\n").contains("line 3"));
+    assert!(probe("x,y,z\n0,0\n").contains("points.csv"));
+    assert!(probe("x,y,z\n0,0,\"\n").contains("line"));
+}
