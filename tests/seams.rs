@@ -7,19 +7,26 @@
 mod bricks;
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use bricks::borders::{self, Border, Kind};
 use bricks::random::Random;
 use bricks::sets::Set;
+use bricks::surface::Surface;
 use bricks::{Scale, Tree};
+use deepfield::image::write_png;
 use deepfield::render::cut::Cut;
+use deepfield::render::interpolant::DrawnNeighbours;
 use deepfield::scene::Scene;
 use deepfield::space::{Decimal, Position};
+use glam::DVec3;
 
 /// Largest jump allowed, relative to the change over one cell beside it.
 const LARGEST: f64 = 1e-5;
-/// Rounding of values of magnitude 1.
+/// Rounding of values of magnitude 1 (decades; smaller ones are sums of such).
 const ROUNDING: f64 = 1e-14;
+/// Points looked at on each border that the choice of levels makes.
+const POINTS: usize = 4;
 
 /// What was measured at borders of one kind.
 #[derive(Debug, Clone, Copy, Default)]
@@ -46,15 +53,16 @@ impl Measured {
         without: impl Fn(&Position) -> f64,
     ) {
         let found = tree.jump(border, point, with);
-        let excess = found.jump - ROUNDING * found.magnitude;
+        let excess = found.jump - ROUNDING * found.magnitude.max(1.0);
         assert!(excess <= LARGEST * found.change, "{border:?} at {point:?}: {found:?}");
         let other = tree.jump(border, point, without);
         self.points += 1;
         if found.change > 0.0 {
-            self.largest = self.largest.max(found.jump / found.change);
+            self.largest = self.largest.max(excess / found.change);
         }
+        let excess = other.jump - ROUNDING * other.magnitude.max(1.0);
         if other.change > 0.0 {
-            self.largest_without = self.largest_without.max(other.jump / other.change);
+            self.largest_without = self.largest_without.max(excess / other.change);
         }
         self.jumps += found.jump;
         self.changes += found.change;
@@ -102,7 +110,7 @@ fn coarse_scene(tree: &Tree<'_>, eye: &Position, fov: f64) -> Scene {
     };
     let target = Position(std::array::from_fn(|a| domain.upper().0[a] / 2));
     let toml = format!(
-        "[image]\nwidth = 40\nheight = 40\n[camera]\nposition = [{}]\nlook_at = [{}]\n\
+        "[image]\nwidth = 12\nheight = 12\n[camera]\nposition = [{}]\nlook_at = [{}]\n\
          up = [0.3, 1.0, 0.2]\nfov = {fov}\n[render]\ntolerance = \"1%\"\n\
          [[volume]]\nfield = \"Density\"\n",
         text(eye),
@@ -127,25 +135,26 @@ fn measure_cuts(tree: &Tree<'_>, table: &mut Table) {
     let mut random = Random::new(11);
     let header = tree.cache.header();
     let upper = header.domain.upper();
-    for n in 0..6 {
+    for n in 0..8 {
         let inside = deepest_point(tree, &mut random);
         let eye = Position(std::array::from_fn(|a| {
             let outside = [upper.0[a] * 3 / 2, -upper.0[a] / 3][random.below(2)];
-            if n % 2 == 0 { inside.0[a] } else { outside }
+            if n % 4 != 3 { inside.0[a] } else { outside }
         }));
         let scene = coarse_scene(tree, &eye, if n < 4 { 60.0 } else { 15.0 });
         let cut = Cut::new(&scene, &header.domain, header.shape).unwrap();
         for (kind, borders) in borders::of_cut(tree, &cut) {
             let measured = table.entry(("choice", kind)).or_default();
             for border in pick(borders, 60, &mut random) {
-                let point = border.point(&mut random);
-                let with = |p: &Position| tree.drawn(p, Some(&cut), Scale::Log10);
-                let without = |p: &Position| {
-                    let path = tree.path(p, Some(&cut));
-                    let all = deepfield::render::interpolant::DrawnNeighbours::ALL;
-                    tree.own(path[path.len() - 1], p, all, Scale::Log10)
-                };
-                measured.add(tree, (&border, &point), with, without);
+                for _ in 0..POINTS {
+                    let point = border.point(&mut random);
+                    let with = |p: &Position| tree.drawn(p, Some(&cut), Scale::Log10);
+                    let without = |p: &Position| {
+                        let path = tree.path(p, Some(&cut));
+                        tree.own(path[path.len() - 1], p, DrawnNeighbours::ALL, Scale::Log10)
+                    };
+                    measured.add(tree, (&border, &point), with, without);
+                }
             }
         }
     }
@@ -247,6 +256,36 @@ fn real_sets_have_no_seams() {
     }
     println!("all");
     print_table(&all);
+    for (of, levels) in [("data", 1), ("data", 2), ("choice", 1)] {
+        for axes in 1..=3 {
+            let (points, _) = tested(&all, of, levels, axes);
+            assert!(points >= 20, "{of}, {levels} levels, {axes} axes: {points} points");
+        }
+    }
+}
+
+/// Writes the pictures of `docs/SEAMS.md`:
+/// `cargo test --release --test seams -- --ignored pictures`.
+#[test]
+#[ignore = "writes docs/seams-with.png and docs/seams-without.png"]
+fn pictures_with_and_without_the_rule() {
+    let set = Set::synthetic("jumps");
+    let cache = set.cache(8);
+    let tree = Tree::new(&cache);
+    let surface = Surface {
+        centre: DVec3::new(0.2931, 0.3319, 0.7717),
+        forward: DVec3::new(0.45, -0.5, 0.75),
+        size: 0.36,
+        value: 0.75,
+    };
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/docs"));
+    let with = |p: &Position| tree.drawn(p, None, Scale::Log10);
+    let without = |p: &Position| tree.unblended(p, Scale::Log10);
+    let values: [(&str, &dyn Fn(&Position) -> f64); 2] = [("with", &with), ("without", &without)];
+    for (name, value) in values {
+        let film = surface.picture(&tree, 320, value);
+        write_png(folder.join(format!("seams-{name}.png")), &film, 0.0, [0.0; 3]).unwrap();
+    }
 }
 
 #[test]
