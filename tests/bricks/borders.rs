@@ -7,7 +7,7 @@ use deepfield::render::cut::Cut;
 use deepfield::space::{FRACTION_BITS, Position};
 
 use super::random::Random;
-use super::{Node, Scale, Tree};
+use super::{Node, Tree};
 
 /// Borders kept of each kind at each level.
 const KEPT: usize = 40;
@@ -79,8 +79,7 @@ fn in_brick(tree: &Tree<'_>, node: &Node, found: &mut impl FnMut(Kind, Border)) 
     let edge = tree.edge() as usize;
     let state_of = |up: u32, cell: [i128; 3]| {
         let block = &raw.blocks[up as usize];
-        let [x, y, z] =
-            std::array::from_fn(|a| ((cell[a] >> up) - (lowest[a] >> up) + 1) as usize);
+        let [x, y, z] = std::array::from_fn(|a| ((cell[a] >> up) - (lowest[a] >> up) + 1) as usize);
         block.states[block.at(x, y, z)]
     };
     for n in 0..edge.pow(3) {
@@ -89,9 +88,8 @@ fn in_brick(tree: &Tree<'_>, node: &Node, found: &mut impl FnMut(Kind, Border)) 
         if state_of(0, cell) != state::EXISTS {
             continue;
         }
-        let is_missing = |step: [i128; 3]| {
-            state_of(0, std::array::from_fn(|a| cell[a] + step[a])) == 0
-        };
+        let is_missing =
+            |step: [i128; 3]| state_of(0, std::array::from_fn(|a| cell[a] + step[a])) == 0;
         for step in steps().filter(|step| is_missing(*step)) {
             let beyond = std::array::from_fn(|a| cell[a] + step[a]);
             let levels = (1..raw.blocks.len() as u32)

@@ -67,9 +67,8 @@ fn prolonged(raw: &RawBrick, place: &BrickPlace, shape: BrickShape) -> RawBrick 
 /// the parent counts for its neighbour.
 fn from_parents(above: &Block, first: [i128; 3], index: [i128; 3]) -> f32 {
     let value = |cell: [i128; 3]| {
-        let [x, y, z] = std::array::from_fn(|a| {
-            (cell[a] - first[a]).clamp(0, above.side as i128 - 1) as usize
-        });
+        let [x, y, z] =
+            std::array::from_fn(|a| (cell[a] - first[a]).clamp(0, above.side as i128 - 1) as usize);
         let at = above.at(x, y, z);
         (above.states[at] != state::OUTSIDE).then_some(f64::from(above.values[at]))
     };
