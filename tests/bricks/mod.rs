@@ -79,13 +79,13 @@ impl<'c> Tree<'c> {
     }
 
     /// Stored value to what is interpolated.
-    pub(crate) fn map(&self, scale: Scale, stored: f32) -> f32 {
+    pub(crate) fn map(&self, scale: Scale, stored: f32) -> f64 {
         match scale {
-            Scale::Linear => stored,
+            Scale::Linear => f64::from(stored),
             Scale::Log10 => {
                 let field = &self.cache.header().fields[0];
                 let floor = field.smallest_positive.unwrap_or(1.0);
-                field.value(stored).max(floor).log10() as f32
+                field.value(stored).max(floor).log10()
             }
         }
     }

@@ -26,12 +26,12 @@ impl Tree<'_> {
         }
         let mut raw = RawBrick::clone(&self.raw(node));
         for value in raw.blocks.iter_mut().flat_map(|block| &mut block.values) {
-            *value = self.map(scale, *value);
+            *value = self.map(scale, *value) as f32;
         }
         let header = self.cache.header();
         let filled = prolonged(&raw, &node.place, header.shape);
         let mut scaled = ScaledBrick::new();
-        scaled.prepare(&filled, &node.place, header, |x| x, Interpolation::Linear).unwrap();
+        scaled.prepare(&filled, &node.place, header, f64::from, Interpolation::Linear).unwrap();
         Rc::clone(super::keep(&mut self.unblended.borrow_mut(), (node.index, scale), scaled))
     }
 }
