@@ -12,7 +12,7 @@ use std::path::Path;
 use bricks::borders::{self, Border, Kind};
 use bricks::random::Random;
 use bricks::sets::Set;
-use bricks::surface::Surface;
+use bricks::slice::Slice;
 use bricks::{Scale, Tree};
 use deepfield::image::write_png;
 use deepfield::render::cut::Cut;
@@ -272,20 +272,16 @@ fn pictures_with_and_without_the_rule() {
     let set = Set::synthetic("jumps");
     let cache = set.cache(8);
     let tree = Tree::new(&cache);
-    let surface = Surface {
-        centre: DVec3::new(0.2931, 0.3319, 0.7717),
-        forward: DVec3::new(0.45, -0.5, 0.75),
-        size: 0.36,
-        value: 0.75,
-    };
+    let slice = Slice { centre: DVec3::new(0.395, 0.335, 0.7717), size: 0.11, bands: 20.0 };
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/docs"));
     let with = |p: &Position| tree.drawn(p, None, Scale::Log10);
     let without = |p: &Position| tree.unblended(p, Scale::Log10);
-    let values: [(&str, &dyn Fn(&Position) -> f64); 2] = [("with", &with), ("without", &without)];
-    for (name, value) in values {
-        let film = surface.picture(&tree, 320, value);
-        write_png(folder.join(format!("seams-{name}.png")), &film, 0.0, [0.0; 3]).unwrap();
-    }
+    let write = |name: &str, value: &dyn Fn(&Position) -> f64| {
+        let film = slice.picture(&tree, 360, value);
+        write_png(folder.join(name), &film, 0.0, [0.0; 3]).unwrap();
+    };
+    write("seams-with.png", &with);
+    write("seams-without.png", &without);
 }
 
 #[test]

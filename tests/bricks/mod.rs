@@ -6,7 +6,7 @@
 pub(crate) mod borders;
 pub(crate) mod random;
 pub(crate) mod sets;
-pub(crate) mod surface;
+pub(crate) mod slice;
 pub(crate) mod unblended;
 
 use std::cell::RefCell;

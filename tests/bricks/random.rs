@@ -16,7 +16,7 @@ impl Random {
 
     /// 0 up to, not with, `end`.
     pub(crate) fn below(&mut self, end: usize) -> usize {
-        (u128::from(self.bits()) * end as u128 >> 64) as usize
+        ((u128::from(self.bits()) * end as u128) >> 64) as usize
     }
 
     /// A whole number of [0, `end`), `end` up to 2¹²⁰.

@@ -53,7 +53,7 @@ impl Set {
 }
 
 /// A recipe of `datasets_synthetic`.
-pub(crate) fn recipe(name: &str) -> Recipe {
+fn recipe(name: &str) -> Recipe {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/datasets_synthetic"));
     let path = folder.join(format!("{name}.toml"));
     Recipe::parse(&std::fs::read_to_string(&path).unwrap(), path.display()).unwrap()
