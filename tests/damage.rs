@@ -118,7 +118,10 @@ impl Tally {
     }
 
     fn print(&self) {
-        println!("{:<36}{:>8}{:>10}{:>10}{:>10}", "damage", "cases", "reported", "unopened", "same");
+        println!(
+            "{:<36}{:>8}{:>10}{:>10}{:>10}",
+            "damage", "cases", "reported", "unopened", "same"
+        );
         for (what, [cases, reported, unopened, same]) in &self.counts {
             println!("{what:<36}{cases:>8}{reported:>10}{unopened:>10}{same:>10}");
         }

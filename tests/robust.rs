@@ -12,7 +12,7 @@ use support::program::{end, names, run, start, written};
 use support::synth;
 
 const SCENE: &str = "[image]\nwidth = 24\nheight = 16\n[camera]\nposition = [0.45, 0.4, -1.2]\n\
-                     look_at = [0.45, 0.45, 0.4]\n[[volume]]\nfield = \"density\"\n";
+                     look_at = [0.45, 0.45, 0.4]\n[[volume]]\nfield = \"density\"\n[render]\nsamples = 1\n";
 
 /// A folder with the data set `name` in it.
 fn data(name: &str) -> (tempfile::TempDir, PathBuf) {
@@ -158,7 +158,8 @@ fn a_full_disk_is_told_and_left_empty() {
         assert!(line.contains("No space left"), "{line}");
         assert_eq!(names(&disk.0), [""; 0]);
         if kibibytes == 64 {
-            let wide = written(folder.path(), "wide.toml", &SCENE.replace("24", "2400"));
+            let wide = SCENE.replace("width = 24\nheight = 16", "width = 400\nheight = 300");
+            let wide = written(folder.path(), "wide.toml", &wide);
             let picture = disk.0.join("picture.exr");
             let line = run(&[&"render", &cache, &wide, &"-o", &picture]).failed();
             assert!(line.contains("No space left"), "{line}");
@@ -222,10 +223,10 @@ fn pictures_scenes_and_points_that_cannot_be_are_refused() {
     let line = render(SCENE, "picture.jpg");
     assert!(line.contains("picture.jpg") && line.contains(".png"), "{line}");
     for (wrong, line_number, hint) in [
-        (SCENE.replace("width", "widht"), "line 2", "width"),
-        (SCENE.replace("look_at", "lookat"), "line 6", "look_at"),
-        (SCENE.replace("[[volume]]", "[[volumes]]"), "line 7", "volume"),
-        (SCENE.replace("24", "0"), "line 2", "width"),
+        (SCENE.replace("width", "widht"), ":2:", "width"),
+        (SCENE.replace("look_at", "lookat"), ":6:", "look_at"),
+        (SCENE.replace("[[volume]]", "[[volumes]]"), ":7:", "volume"),
+        (SCENE.replace("24", "0"), ":2:", "width"),
     ] {
         let line = render(&wrong, "picture.exr");
         let told = line.contains("scene.toml") && line.contains(line_number) && line.contains(hint);

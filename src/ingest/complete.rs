@@ -94,7 +94,9 @@ impl Completion<'_> {
             let record = field_record(range, nan, void, scratch.raw.blocks.len());
             let to_parent = if void { [0.0; 2] } else { self.to_parent(field, &scratch.raw) };
             finished.draft.fields.push(FieldDraft { record, to_parent });
-            finished.blocks = finished.blocks.max(scratch.raw.blocks.len());
+            if !void {
+                finished.blocks = finished.blocks.max(scratch.raw.blocks.len());
+            }
             finished.payloads.push(if void { Vec::new() } else { scratch.encode(self.target)? });
         }
         Ok(finished)

@@ -56,7 +56,8 @@ impl Questions {
         };
         let number = |text: f64| Decimal::from_shortest(text).unwrap();
         let point = |i: u32| {
-            [0.618_033_9, 0.414_213_5, 0.732_050_8].map(|step| number((f64::from(i) * step).fract()))
+            [0.618_033_9, 0.414_213_5, 0.732_050_8]
+                .map(|step| number((f64::from(i) * step).fract()))
         };
         Self {
             scenes: vec![scene((CAMERAS[0], "cell")), scene((CAMERAS[1], "linear"))],
@@ -113,7 +114,8 @@ impl Questions {
             return Err(format!("{peak} bytes were live"));
         }
         let examined = outcome.map_err(|_| "the program panicked")?;
-        let unclear = |error: &&String| error.is_empty() || error.contains('\n') || error.len() > 999;
+        let unclear =
+            |error: &&String| error.is_empty() || error.contains('\n') || error.len() > 999;
         if let Some(error) = examined.errors().find(unclear) {
             return Err(format!("`{error}` is not one clear line"));
         }

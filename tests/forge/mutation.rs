@@ -78,8 +78,14 @@ impl Sound {
         let grew = word(&bytes, number.at, number.kind.bytes())
             > word(&self.bytes, number.at, number.kind.bytes());
         let expected = match number.name {
-            "file bytes" | "index offset" | "index pages" | "page table checksum"
-            | "brick edge" | "level count" | "level octree" | "level first node"
+            "file bytes"
+            | "index offset"
+            | "index pages"
+            | "page table checksum"
+            | "brick edge"
+            | "level count"
+            | "level octree"
+            | "level first node"
             | "level nodes" => Expected::Found,
             "level cells" | "level leaf cells" | "level simulation" | "root cells" => {
                 Expected::Reported

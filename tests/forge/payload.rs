@@ -78,9 +78,7 @@ impl Anatomy {
         let header_bytes = (self.header_bytes as i64 + moved) as usize;
         forged[12..16].copy_from_slice(&(header_bytes as u32).to_le_bytes());
         let mut index = bytes[self.index..self.index + self.pages * PAGE].to_vec();
-        for (node, field) in
-            (0..self.nodes).flat_map(|n| (0..self.fields).map(move |f| (n, f)))
-        {
+        for (node, field) in (0..self.nodes).flat_map(|n| (0..self.fields).map(move |f| (n, f))) {
             let at = self.payload_record(node, field) - self.index;
             let offset = word(&index, at, 8).wrapping_add_signed(moved);
             index[at..at + 8].copy_from_slice(&offset.to_le_bytes());

@@ -107,7 +107,7 @@ fn run(mut command: Command) -> Result<()> {
     Err(format!("{command:?}: {}: {said}", output.status))
 }
 
-fn read_exr(path: &Path) -> Result<Rendered> {
+pub(crate) fn read_exr(path: &Path) -> Result<Rendered> {
     let image = exr::prelude::read_first_rgba_layer_from_file(
         path,
         |size, _| (size.width(), vec![[0.0; 4]; size.area()]),

@@ -1,0 +1,230 @@
+//! What `ingest` may leave out, and what it stores for the rest.
+
+mod support;
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use support::program::{run, written};
+use support::synth;
+
+struct Set {
+    folder: tempfile::TempDir,
+    source: PathBuf,
+    points: PathBuf,
+}
+
+/// Level and value at a point.
+type Found = (i64, f64);
+
+impl Set {
+    fn new(name: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let source = synth(name, folder.path()).unwrap();
+        let mut points = String::from("x,y,z\n");
+        for i in 0..2000 {
+            let at = |step: f64, size: f64| (f64::from(i) * step).fract() * size;
+            let (x, y, z) = (at(0.618_033_98, 1.0), at(0.754_877_66, 1.1), at(0.569_840_29, 0.75));
+            points += &format!("{x},{y},{z}\n");
+            // Towards the densest core, where levels are deepest.
+            let near = |x: f64, core: f64| core + (x - core) * 0.05;
+            points += &format!("{},{},{}\n", near(x, 0.41), near(y, 0.59), near(z, 0.33));
+        }
+        let points = written(folder.path(), "points.csv", &points);
+        Self { folder, source, points }
+    }
+
+    fn ingest(&self, name: &str, options: &[&str]) -> PathBuf {
+        let cache = self.folder.path().join(name);
+        let mut arguments: Vec<&dyn AsRef<_>> = vec![&"ingest", &self.source, &"-o", &cache];
+        arguments.extend(options.iter().map(|option| option as &dyn AsRef<_>));
+        run(&arguments).done();
+        run(&[&"verify", &cache]).done();
+        cache
+    }
+
+    fn probe(&self, cache: &Path, field: &str, interpolation: &str) -> Vec<Found> {
+        let output = run(&[
+            &"probe",
+            &cache,
+            &"--field",
+            &field,
+            &"--points",
+            &self.points,
+            &"--interpolation",
+            &interpolation,
+        ]);
+        let found = |line: &str| {
+            let mut columns = line.split(',').skip(3);
+            let level = columns.next().unwrap().parse().unwrap();
+            (level, columns.next().unwrap().parse().unwrap())
+        };
+        output.done().lines().skip(1).map(found).collect()
+    }
+
+    fn pixels(&self, cache: &Path, volume: &str) -> Vec<[f32; 4]> {
+        let scene = format!(
+            "[image]\nwidth = 24\nheight = 24\n[camera]\nposition = [0.45, 0.4, -1.2]\n\
+             look_at = [0.45, 0.45, 0.4]\n[[volume]]\nfield = \"density\"\n{volume}\n"
+        );
+        support::render(cache, &scene, "1GiB", 2).unwrap().2
+    }
+}
+
+fn info(cache: &Path) -> Value {
+    serde_json::from_str(&run(&[&"info", &cache, &"--json"]).done()).unwrap()
+}
+
+fn number(facts: &Value, key: &str) -> f64 {
+    facts["fields"][0][key].as_f64().unwrap_or(f64::NAN)
+}
+
+fn close(found: f64, expected: f64, tolerance: f64) {
+    assert!((found - expected).abs() <= tolerance * expected.abs(), "{found}, not {expected}");
+}
+
+#[test]
+fn what_lies_below_a_value_is_dropped_and_accounted_for() {
+    let set = Set::new("small");
+    let whole = set.ingest("whole", &["--brick=8"]);
+    let (all, found) = (info(&whole), set.probe(&whole, "density", "cell"));
+    for brick in ["--brick=8", "--brick=16"] {
+        let cache = set.ingest("dropped", &[brick, "--drop-below=1.5"]);
+        let kept = info(&cache);
+        assert_eq!(kept["leaf_cells"], all["leaf_cells"]);
+        assert!(number(&kept, "dropped_cells") > 0.0 && number(&kept, "min") >= 1.5);
+        assert_eq!(number(&kept, "max"), number(&all, "max"));
+        let sum = number(&kept, "sum") + number(&kept, "dropped_sum");
+        close(sum, number(&all, "sum"), 1e-12);
+        let probed = set.probe(&cache, "density", "cell");
+        let mut dropped = 0;
+        for (own, right) in probed.iter().zip(&found) {
+            if right.1 < 1.5 {
+                assert!(own.1.is_nan() && own.0 >= 0 && right.0 >= 0);
+                dropped += 1;
+            } else {
+                assert!(own == right || right.1.is_nan() && own.1.is_nan(), "{own:?} {right:?}");
+            }
+        }
+        assert!(dropped > 100, "{dropped}");
+    }
+}
+
+#[test]
+fn a_picture_of_nothing_is_black_and_transparent() {
+    let set = Set::new("small");
+    let cache = set.ingest("nothing", &["--drop-below=1e30"]);
+    assert_eq!(
+        number(&info(&cache), "dropped_cells"),
+        info(&cache)["leaf_cells"].as_f64().unwrap()
+    );
+    for volume in ["range = [0.1, 100.0]", "range = [0.1, 100.0]\nabsorption = [[0.0, 3.0]]"] {
+        assert!(set.pixels(&cache, volume).iter().all(|pixel| *pixel == [0.0; 4]), "{volume}");
+    }
+    assert!(set.probe(&cache, "density", "linear").iter().all(|found| found.1.is_nan()));
+}
+
+#[test]
+fn only_the_region_is_kept() {
+    let set = Set::new("small");
+    let found = set.probe(&set.ingest("whole", &[]), "density", "cell");
+    let region = ["--region", "0.2,0.3,0.15", "0.6,0.8,0.5"];
+    let cache = set.ingest("region", &region);
+    let probed = set.probe(&cache, "density", "cell");
+    let points = std::fs::read_to_string(&set.points).unwrap();
+    let (mut inside, mut outside) = (0, 0);
+    for (line, (own, right)) in points.lines().skip(1).zip(probed.iter().zip(&found)) {
+        let point: Vec<f64> = line.split(',').map(|x| x.parse().unwrap()).collect();
+        let distance = [(0.2, 0.6), (0.3, 0.8), (0.15, 0.5)].iter().zip(&point);
+        let distance = distance.map(|((lo, hi), x)| (lo - x).max(x - hi)).fold(-1.0, f64::max);
+        if distance < 0.0 {
+            assert_eq!(own, right);
+            inside += 1;
+        } else if distance > 0.1 {
+            assert!(own.1.is_nan(), "{point:?}");
+            outside += 1;
+        }
+    }
+    assert!(inside > 1000 && outside > 300, "{inside} {outside}");
+    let (kept, whole) = (info(&cache), info(&set.folder.path().join("whole")));
+    let sum = number(&kept, "sum") + number(&kept, "dropped_sum");
+    close(sum, number(&whole, "sum"), 1e-12);
+}
+
+#[test]
+fn deeper_levels_are_left_out() {
+    let set = Set::new("small");
+    let whole = set.ingest("whole", &[]);
+    let found = set.probe(&whole, "density", "cell");
+    let cache = set.ingest("coarse", &["--max-level=2"]);
+    assert_eq!(
+        (info(&whole)["max_level"].as_u64(), info(&cache)["max_level"].as_u64()),
+        (Some(4), Some(2))
+    );
+    let probed = set.probe(&cache, "density", "cell");
+    let mut deeper = 0;
+    for (own, right) in probed.iter().zip(&found) {
+        assert_eq!(own.0, right.0.min(2));
+        assert!(own.1 == right.1 || right.0 > 2 || right.1.is_nan(), "{own:?} {right:?}");
+        deeper += u32::from(right.0 > 2);
+    }
+    assert!(deeper > 100, "{deeper}");
+}
+
+#[test]
+fn lossy_storage_keeps_its_relative_error() {
+    let set = Set::new("small");
+    let fields = ["--field=density", "--field=x-velocity"];
+    let whole = set.ingest("whole", &fields);
+    for error in [1e-1, 1e-2, 1e-4] {
+        let cache = set.ingest("lossy", &[fields[0], fields[1], &format!("--error={error}")]);
+        let size = |path: &Path| std::fs::metadata(path).unwrap().len();
+        assert!(size(&cache) < size(&whole), "{error}: {} bytes", size(&cache));
+        for field in ["density", "x-velocity"] {
+            let exact = set.probe(&whole, field, "cell");
+            for (own, right) in set.probe(&cache, field, "cell").iter().zip(&exact) {
+                let within = (own.1 - right.1).abs() <= error * right.1.abs();
+                assert!(own.0 == right.0 && (within || right.1.is_nan()), "{own:?} {right:?}");
+            }
+        }
+    }
+    let wrong = run(&[&"ingest", &set.source, &"-o", &set.folder.path().join("x"), &"--error=1"]);
+    assert!(wrong.failed().contains("--error"));
+}
+
+const HUGE: &str = "name = \"DD0000\"\n[domain]\nleft = [0.0, 0.0, 0.0]\nright = [1.0, 1.25, 0.75]\n\
+    root = [12, 10, 14]\n[refinement]\nmax_level = 2\n[[refinement.centre]]\n\
+    position = [0.4, 0.6, 0.3]\nhalf_size = [5, 4, 6]\n[[density]]\nkind = \"gradient\"\n\
+    value = 1e45\nslope = [3e44, 2e44, 1e44]\n[output]\nprecision = \"f64\"\n";
+
+#[test]
+fn values_beyond_f32_keep_their_scale() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = written(folder.path(), "huge.toml", HUGE);
+    run(&[&"synth", &recipe, &"-o", &folder.path().join("huge")]).done();
+    let source = folder.path().join("huge/DD0000");
+    let source = if source.is_dir() { source.join("DD0000") } else { source };
+    let points = written(folder.path(), "points.csv", "x,y,z\n0.41,0.61,0.31\n0.86,1.06,0.67\n");
+    let set = Set { folder, source, points };
+    let cache = set.ingest("huge.dfc", &["--brick=8"]);
+    let cell = |x: f64, size: f64, cells: f64| ((x / size * cells).floor() + 0.5) / cells * size;
+    for (interpolation, tolerance) in [("cell", 1e-7), ("linear", 1e-6)] {
+        let found = set.probe(&cache, "density", interpolation);
+        for (own, point) in found.iter().zip([[0.41, 0.61, 0.31], [0.86, 1.06, 0.67]]) {
+            let cells = f64::from(1 << own.0);
+            let [x, y, z] = match interpolation {
+                "cell" => [
+                    cell(point[0], 1.0, 12.0 * cells),
+                    cell(point[1], 1.25, 10.0 * cells),
+                    cell(point[2], 0.75, 14.0 * cells),
+                ],
+                _ => point,
+            };
+            close(own.1, 1e45 + 3e44 * x + 2e44 * y + 1e44 * z, tolerance);
+        }
+    }
+    let facts = info(&cache);
+    close(number(&facts, "sum_as_stored"), number(&facts, "sum"), 1e-6);
+    assert!(number(&facts, "max") > 1e45);
+    assert!(set.pixels(&cache, "").iter().any(|pixel| pixel[3] > 0.0));
+}
