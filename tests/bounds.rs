@@ -21,8 +21,13 @@ struct Tightness {
     range: f64,
 }
 
-/// A random point of the brick's box that lies in the domain.
+/// A random point of the domain in the brick's box, half of them where it is refined further.
 fn point_of(tree: &Tree<'_>, node: &Node, random: &mut Random) -> Option<Position> {
+    let mut node = node;
+    while node.record.child_mask != 0 && random.below(2) == 0 {
+        let child = random.below(node.record.child_mask.count_ones() as usize) as u64;
+        node = &tree.nodes[(node.record.first_child + child) as usize];
+    }
     let bits = (96 - node.place.octree) as u32;
     let lowest = node.place.lowest_cell(tree.cache.header().shape);
     let brick = tree.edge() << bits;
@@ -82,7 +87,9 @@ fn bounds_enclose(set: &Set, brick: u32) {
         "{} {brick}: {} points, up to {:.2} of the residual, {:.2} of the range",
         set.name, seen.points, seen.residual, seen.range
     );
-    assert!(seen.points > 1000 && seen.residual > 0.02 && seen.range > 0.5, "{}", set.name);
+    assert!(seen.points > 1000 && seen.range > 0.5, "{}", set.name);
+    // Large bricks hold both the largest residual and much where there is none.
+    assert!(brick > 8 || seen.residual > 0.1, "{}: a bound that says little", set.name);
 }
 
 #[test]

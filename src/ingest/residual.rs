@@ -81,29 +81,46 @@ fn surrounded(block: &Block) -> Vec<bool> {
     exist
 }
 
-/// Largest minus smallest value among what both interpolants can draw on beside a border.
+/// Largest minus smallest value among what both interpolants can draw on beside a border: the
+/// cells around on both levels and, while there are holes among those, the parents' of these and
+/// theirs around.
 fn spread(raw: &RawBrick, mapped: &[Vec<f64>], own: [usize; 3], above: [usize; 3]) -> f64 {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-    let mut take = |value: f64| (low, high) = (low.min(value), high.max(value));
-    let mut holes = false;
-    for (up, [x, y, z]) in [own, above].into_iter().enumerate() {
-        let block = &raw.blocks[up];
-        for step in 0..27 {
-            let at = block.at(x + step % 3 - 1, y + step / 3 % 3 - 1, z + step / 9 - 1);
-            if block.states[at] & state::EXISTS != 0 {
-                take(mapped[up][at]);
-            } else if up == 1 {
-                holes |= block.states[at] & state::OUTSIDE == 0;
+    let around = |cell: [usize; 3]| cell.map(|c| (c - 1, c + 1));
+    // Blocks of one cell and its ghosts do not halve: there all count.
+    let halves = raw.blocks[0].side.saturating_sub(2).checked_ilog2().unwrap_or(0) as usize;
+    let mut reach = around(own);
+    for (up, block) in raw.blocks.iter().enumerate() {
+        reach = match up {
+            0 => reach,
+            1 => around(above),
+            _ if up > halves => [(0, block.side - 1); 3],
+            _ => reach.map(|(lo, hi)| (parent(lo) - 1, (parent(hi) + 1).min(block.side - 1))),
+        };
+        let mut has_holes = false;
+        for z in reach[2].0..=reach[2].1 {
+            for y in reach[1].0..=reach[1].1 {
+                for x in reach[0].0..=reach[0].1 {
+                    let at = block.at(x, y, z);
+                    if block.states[at] & state::EXISTS != 0 {
+                        (low, high) = (low.min(mapped[up][at]), high.max(mapped[up][at]));
+                    } else {
+                        has_holes |= block.states[at] & state::OUTSIDE == 0;
+                    }
+                }
             }
         }
-    }
-    if holes {
-        for (block, values) in raw.blocks.iter().zip(mapped).skip(2) {
-            let exists = block.states.iter().map(|bits| bits & state::EXISTS != 0);
-            values.iter().zip(exists).filter(|(_, e)| *e).for_each(|(&value, _)| take(value));
+        if up > 0 && !has_holes {
+            break;
         }
     }
     high - low
+}
+
+/// A cell's parent, at least 1, both counted from their blocks' first ghosts: block cell 1 is the
+/// first of the brick.
+fn parent(cell: usize) -> usize {
+    cell.div_ceil(2).max(1)
 }
 
 /// The points at half-integer coordinates in a brick, (2B + 1)³, and which of them count (none
