@@ -1,6 +1,9 @@
 //! Runs that are killed, refused or in each other's way: nothing half-written is left, and a user
 //! is told in one line.
 
+// What tests share fails as a test does.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 mod support;
 
 use std::fs::File;
@@ -119,7 +122,7 @@ fn folders_and_files_without_permission_are_named() {
     let line = run(&[&"ingest", &source, &"-o", &closed.join("cache")]).failed();
     assert!(line.contains("closed/cache"), "{line}");
     let data = source.with_extension("cpu0000");
-    std::fs::set_permissions(&data, std::fs::Permissions::from_mode(0)).unwrap();
+    std::fs::set_permissions(&data, std::fs::Permissions::from_mode(0o000)).unwrap();
     let line = run(&[&"ingest", &source, &"-o", &folder.path().join("cache")]).failed();
     assert!(line.contains("cpu0000"), "{line}");
 }

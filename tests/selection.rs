@@ -1,5 +1,8 @@
 //! What `ingest` may leave out, and what it stores for the rest.
 
+// What tests share fails as a test does.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 mod support;
 
 use std::path::{Path, PathBuf};
