@@ -104,6 +104,8 @@ fn targets_and_sources_that_cannot_be_are_named() {
     assert!(from(&folder.path().join("absent")).contains("absent"));
     assert!(from(&written(folder.path(), "text", "no output")).contains("known format"));
     std::fs::remove_file(folder.path().join("text")).unwrap();
+    let line = run(&[&"ingest", &source, &"-o", &source]).failed();
+    assert!(line.contains("is the input itself"), "{line}");
     let line = run(&[&"ingest", &source, &"-o", &target, &"--field=densty"]).failed();
     assert!(line.contains("densty") && line.contains("Density"), "{line}");
     assert_eq!(names(folder.path()), before);
@@ -246,4 +248,6 @@ fn pictures_scenes_and_points_that_cannot_be_are_refused() {
     assert!(probe("x,y,z\n0,0,0\n0.5,zero,0\n").contains("line 3"));
     assert!(probe("x,y,z\n0,0\n").contains("points.csv"));
     assert!(probe("x,y,z\n0,0,\"\n").contains("line"));
+    let line = run(&[&"probe", &cache, &"--field=density", &"--points=/dev/zero"]).failed();
+    assert!(line.contains("/dev/zero") && line.contains("longer than"), "{line}");
 }
