@@ -2,6 +2,9 @@
 //! nothing wrong drawn silently. Half of them have all their checksums repaired, so that the
 //! damage reaches what lies behind the checksums.
 
+// What tests share fails as a test does.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 mod forge;
 
 use std::collections::BTreeMap;

@@ -1,6 +1,9 @@
 //! Damaged simulation outputs, scenes, recipes and points: errors of one line, no panic, no huge
 //! allocation, and nothing left behind.
 
+// What tests share fails as a test does.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 mod forge;
 
 use std::path::{Path, PathBuf};

@@ -1,6 +1,9 @@
 //! The memory limit: the smallest that works is named and works, the picture does not depend on
 //! it, and the process stays under it.
 
+// What tests share fails as a test does.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 mod support;
 
 use std::path::{Path, PathBuf};

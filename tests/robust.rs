@@ -1,6 +1,9 @@
 //! Runs that are killed, refused or in each other's way: nothing half-written is left, and a user
 //! is told in one line.
 
+// What tests share fails as a test does.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 mod support;
 
 use std::fs::File;
@@ -101,6 +104,8 @@ fn targets_and_sources_that_cannot_be_are_named() {
     assert!(from(&folder.path().join("absent")).contains("absent"));
     assert!(from(&written(folder.path(), "text", "no output")).contains("known format"));
     std::fs::remove_file(folder.path().join("text")).unwrap();
+    let line = run(&[&"ingest", &source, &"-o", &source]).failed();
+    assert!(line.contains("is the input itself"), "{line}");
     let line = run(&[&"ingest", &source, &"-o", &target, &"--field=densty"]).failed();
     assert!(line.contains("densty") && line.contains("Density"), "{line}");
     assert_eq!(names(folder.path()), before);
@@ -119,7 +124,7 @@ fn folders_and_files_without_permission_are_named() {
     let line = run(&[&"ingest", &source, &"-o", &closed.join("cache")]).failed();
     assert!(line.contains("closed/cache"), "{line}");
     let data = source.with_extension("cpu0000");
-    std::fs::set_permissions(&data, std::fs::Permissions::from_mode(0)).unwrap();
+    std::fs::set_permissions(&data, std::fs::Permissions::from_mode(0o000)).unwrap();
     let line = run(&[&"ingest", &source, &"-o", &folder.path().join("cache")]).failed();
     assert!(line.contains("cpu0000"), "{line}");
 }
@@ -243,4 +248,6 @@ fn pictures_scenes_and_points_that_cannot_be_are_refused() {
     assert!(probe("x,y,z\n0,0,0\n0.5,zero,0\n").contains("line 3"));
     assert!(probe("x,y,z\n0,0\n").contains("points.csv"));
     assert!(probe("x,y,z\n0,0,\"\n").contains("line"));
+    let line = run(&[&"probe", &cache, &"--field=density", &"--points=/dev/zero"]).failed();
+    assert!(line.contains("/dev/zero") && line.contains("longer than"), "{line}");
 }

@@ -1,5 +1,8 @@
 //! What `ingest` may leave out, and what it stores for the rest.
 
+// What tests share fails as a test does.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 mod support;
 
 use std::path::{Path, PathBuf};
@@ -118,7 +121,7 @@ fn a_picture_of_nothing_is_black_and_transparent() {
         number(&info(&cache), "dropped_cells"),
         info(&cache)["leaf_cells"].as_f64().unwrap()
     );
-    for volume in ["range = [0.1, 100.0]", "range = [0.1, 100.0]\nabsorption = [[0.0, 3.0]]"] {
+    for volume in ["", "range = [0.1, 100.0]", "range = [0.1, 100.0]\nabsorption = [[0.0, 3.0]]"] {
         assert!(set.pixels(&cache, volume).iter().all(|pixel| *pixel == [0.0; 4]), "{volume}");
     }
     assert!(set.probe(&cache, "density", "linear").iter().all(|found| found.1.is_nan()));

@@ -36,12 +36,12 @@ fn check_cells(edge: usize, node: &NodeRecord, brick: &RawBrick) -> Result<(), &
     for z in 0..edge {
         for y in 0..edge {
             let start = block.at(1, y + 1, z + 1);
-            let upper = (2 * y / edge) << 1 | (2 * z / edge) << 2;
+            let upper = ((2 * y / edge) << 1) | ((2 * z / edge) << 2);
             for (x, bits) in block.states[start..start + edge].iter().enumerate() {
                 existing += u32::from(bits & state::EXISTS);
                 if bits & state::REFINED != 0 {
                     refined += 1;
-                    octants |= 1 << (2 * x / edge | upper);
+                    octants |= 1 << ((2 * x / edge) | upper);
                 }
             }
         }

@@ -226,7 +226,7 @@ impl Header {
         let end = index
             .and_then(|bytes| bytes.checked_add(self.index_offset))
             .and_then(|at| at.checked_add(table?));
-        if end != Some(self.file_bytes) || self.index_offset % PAGE_BYTES as u64 != 0 {
+        if end != Some(self.file_bytes) || !self.index_offset.is_multiple_of(PAGE_BYTES as u64) {
             return Err("its index does not lie where the file ends".into());
         }
         let per_page = super::index::records_per_page(self.fields.len()) as u64;

@@ -1,6 +1,7 @@
 //! `deepfield probe`.
 
 use std::fs::File;
+use std::io::{self, ErrorKind, Read};
 use std::path::PathBuf;
 
 use clap::Args;
@@ -34,6 +35,33 @@ enum Choice {
     Linear,
 }
 
+/// Longest line of a file of points, bytes: positions may have many digits, but a file that is
+/// none must not be read into memory as one line.
+const LONGEST_LINE: usize = 1 << 20;
+
+/// A file whose lines are all at most [`LONGEST_LINE`] long.
+struct ShortLines {
+    file: File,
+    /// Bytes since the last line end.
+    length: usize,
+}
+
+impl Read for ShortLines {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = self.file.read(buffer)?;
+        let read = &buffer[..count];
+        self.length = match read.iter().rposition(|&byte| byte == b'\n') {
+            Some(end) => count - end - 1,
+            None => self.length + count,
+        };
+        if self.length > LONGEST_LINE {
+            let reason = format!("a line is longer than {LONGEST_LINE} bytes");
+            return Err(io::Error::new(ErrorKind::InvalidData, reason));
+        }
+        Ok(count)
+    }
+}
+
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let cache = Cache::open(&arguments.cache, WINDOWS)?;
     let interpolation = match arguments.interpolation {
@@ -43,7 +71,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut probe = Probe::new(&cache, &arguments.field, interpolation)?;
     let file = File::open(&arguments.points)
         .map_err(|source| Error::io(&arguments.points, "cannot read the points", source))?;
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file);
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(ShortLines { file, length: 0 });
     check_title(arguments, &mut reader)?;
     let mut output = Output::new();
     output.line("x,y,z,level,value")?;
@@ -63,7 +91,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     output.finish()
 }
 
-fn check_title(arguments: &Arguments, reader: &mut csv::Reader<File>) -> Result<()> {
+fn check_title(arguments: &Arguments, reader: &mut csv::Reader<ShortLines>) -> Result<()> {
     let title = reader.headers().map_err(|error| wrong(arguments, &error.to_string()))?;
     if title.iter().eq(["x", "y", "z"]) {
         return Ok(());

@@ -93,6 +93,14 @@ pub fn ingest(
         Some(parent) if parent != Path::new("") => parent,
         _ => Path::new("."),
     };
+    if let (Ok(input), Ok(output)) = (source.path().canonicalize(), target.canonicalize())
+        && input == output
+    {
+        return Err(Error::request(format!(
+            "{}: is the input itself; name another file for the cache",
+            target.display()
+        )));
+    }
     in_pool(options.threads, || {
         let file = AtomicFile::create(target)?;
         let survey = survey_in(source, directory, options, true, progress)?;

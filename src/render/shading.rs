@@ -32,9 +32,11 @@ impl Shading {
         let field = header.field(&volume.field).ok_or_else(|| unknown_field(volume, header))?;
         let cached = &header.fields[field];
         let to_units = units_factor(volume, cached)?;
+        // A field without any leaf value, all dropped or NaN, has no extrema: a constant then.
+        let none = cached.min > cached.max;
         let extrema = FieldExtrema {
-            minimum: cached.min,
-            maximum: cached.max,
+            minimum: if none { 0.0 } else { cached.min },
+            maximum: if none { 0.0 } else { cached.max },
             smallest_positive: cached.smallest_positive,
         };
         Ok(Self {

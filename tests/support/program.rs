@@ -1,5 +1,7 @@
 //! The built program, run as a user would, and what comes of it.
 
+#![allow(clippy::unwrap_used)] // a test's way to fail
+
 use std::ffi::OsStr;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -40,7 +42,7 @@ impl Ended {
 /// Starts the program.
 pub(crate) fn start(arguments: &[&dyn AsRef<OsStr>]) -> Child {
     let mut command = Command::new(env!("CARGO_BIN_EXE_deepfield"));
-    command.args(arguments.iter().map(|argument| argument.as_ref()));
+    command.args(arguments);
     command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
@@ -53,8 +55,8 @@ pub(crate) fn end(mut child: Child) -> Ended {
             text
         })
     };
-    let stdout = read(child.stdout.take().map(|s| Box::new(s) as _));
-    let stderr = read(child.stderr.take().map(|s| Box::new(s) as _));
+    let stdout = read(child.stdout.take().map(|stream| Box::new(stream) as _));
+    let stderr = read(child.stderr.take().map(|stream| Box::new(stream) as _));
     let mut peak = 0;
     let status = loop {
         peak = peak.max(peak_of(child.id()));
