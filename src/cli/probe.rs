@@ -71,7 +71,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut probe = Probe::new(&cache, &arguments.field, interpolation)?;
     let file = File::open(&arguments.points)
         .map_err(|source| Error::io(&arguments.points, "cannot read the points", source))?;
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(ShortLines { file, length: 0 });
+    let mut reader =
+        csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(ShortLines { file, length: 0 });
     check_title(arguments, &mut reader)?;
     let mut output = Output::new();
     output.line("x,y,z,level,value")?;
