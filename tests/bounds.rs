@@ -49,7 +49,7 @@ fn check_bounds(tree: &Tree<'_>, node: &Node, random: &mut Random, seen: &mut Ti
             let faded = DrawnNeighbours(random.bits() as u32 | 1 << 13);
             let faded = tree.own(node, &point, faded, scale);
             let slack = rounding * own.abs().max(finest.abs());
-            let range = |of: [f32; 2]| of.map(|end| f64::from(tree.map(scale, end)));
+            let range = |of: [f32; 2]| of.map(|end| tree.map(scale, end));
             let within = |value: f64, [low, high]: [f64; 2]| {
                 low - 1e-12 * low.abs() <= value && value <= high + 1e-12 * high.abs()
             };

@@ -6,6 +6,9 @@ use crate::source::{GridBlock, GridRecord, Source};
 use crate::space::IndexBox;
 use crate::{Error, Result};
 
+/// Takes a row of cells along x: the first cell's level index, and the values.
+pub(super) type RowVisitor<'v> = dyn FnMut([i128; 3], &[f64]) -> Result<()> + 'v;
+
 /// Cells along an edge of what is read from a grid at a time: large enough for long rows.
 const CHUNK_EDGE: u32 = 64;
 
@@ -45,7 +48,7 @@ impl<'s> SourceCells<'s> {
         number: u64,
         field: usize,
         wanted: &IndexBox,
-        row: &mut dyn FnMut([i128; 3], &[f64]) -> Result<()>,
+        row: &mut RowVisitor<'_>,
     ) -> Result<()> {
         let grid = self.grid(number)?;
         let part = wanted.intersection(&grid.cells());
@@ -74,7 +77,7 @@ impl<'s> SourceCells<'s> {
         field: usize,
         chunk: [u32; 3],
         (lo, hi): ([u32; 3], [u32; 3]),
-        row: &mut dyn FnMut([i128; 3], &[f64]) -> Result<()>,
+        row: &mut RowVisitor<'_>,
     ) -> Result<()> {
         let first = chunk.map(|c| c * CHUNK_EDGE);
         let size: [u32; 3] = std::array::from_fn(|a| CHUNK_EDGE.min(grid.size[a] - first[a]));

@@ -173,7 +173,7 @@ impl Lattice {
 
     /// Even points lie on faces, odd ones at centres (block index = cell + 1).
     fn fine_taps(&self) -> Vec<Tap> {
-        let tap = |h: usize| (h / 2, if h % 2 == 0 { [0.5, 0.5] } else { [0.0, 1.0] });
+        let tap = |h: usize| (h / 2, if h.is_multiple_of(2) { [0.5, 0.5] } else { [0.0, 1.0] });
         (0..self.side()).map(tap).collect()
     }
 

@@ -161,7 +161,7 @@ mod tests {
             let mut value = 1.1e-12f32;
             while value < 1e12 {
                 let rounded = round_mantissa(value, error);
-                assert!(((rounded - value) / value).abs() as f64 <= error, "{value} {error}");
+                assert!(f64::from(((rounded - value) / value).abs()) <= error, "{value} {error}");
                 value *= 1.003_7;
             }
         }

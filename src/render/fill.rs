@@ -52,7 +52,7 @@ fn prolonged(above: &ScaledBlock, parents: [&[usize; 2]; 3]) -> f64 {
         let side: [usize; 3] = std::array::from_fn(|a| corner >> a & 1);
         let cell = std::array::from_fn(|a| parents[a][side[a]]);
         let weight = WEIGHTS[side[0]] * WEIGHTS[side[1]] * WEIGHTS[side[2]];
-        sum += weight * f64::from(above.values[above.at(cell)]);
+        sum += weight * above.values[above.at(cell)];
     }
     sum
 }

@@ -115,7 +115,7 @@ impl ScaledBrick {
                     (_, false) => octant.cell[a],
                 });
             let at = block.at(cell);
-            cube.values[n] = f64::from(block.values[at]);
+            cube.values[n] = block.values[at];
             let exists = match block.states[at] {
                 state::OUTSIDE => true,
                 bits if bits & state::EXISTS == 0 => false,
@@ -156,7 +156,7 @@ impl ScaledBrick {
         let (mut value, mut share) = (0.0, 1.0);
         if self.is_piecewise_constant() {
             let own = &self.blocks[0];
-            return f64::from(own.values[own.at(cell.map(|c| c + 1))]);
+            return own.values[own.at(cell.map(|c| c + 1))];
         }
         for up in 0..self.used {
             let octant = self.octant(up, cell, point);
