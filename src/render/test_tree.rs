@@ -83,7 +83,9 @@ impl Tree {
             let record = self.nodes[node].0;
             let children = (0..8).filter_map(|octant| record.child(octant));
             let below = |child: u64| self.nodes[usize::try_from(child).unwrap()].0.descendants + 1;
-            self.nodes[node].0.descendants = children.map(below).sum();
+            self.nodes[node].0.descendants = children.clone().map(below).sum();
+            let deeper = |child: u64| self.nodes[usize::try_from(child).unwrap()].0.depth + 1;
+            self.nodes[node].0.depth = children.map(deeper).max().unwrap_or(0);
         }
     }
 
