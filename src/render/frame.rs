@@ -22,8 +22,6 @@ pub struct Frame {
     pub(super) cell_width: DVec3,
     pub(super) basis: Basis,
     pub(super) is_perspective: bool,
-    /// Half the image plane's extents.
-    pub(super) half: DVec2,
 }
 
 /// A ray in a brick's coordinates: at σ it is at `origin + direction·σ`. σ is the difference of
@@ -96,7 +94,8 @@ impl Frame {
     }
 
     /// Where the box of `size_cells`³ cells at the brick's lowest corner may be seen: every ray
-    /// that meets it has its (P, Q) within. `None` where it lies behind the eye.
+    /// that meets it has its (P, Q) within (infinite where the box meets the eye's plane). `None`
+    /// where it lies behind the eye.
     pub fn footprint(&self, size_cells: f64) -> Option<Footprint> {
         let Basis { forward, right, up } = self.basis;
         let mut seen = Footprint {
@@ -122,25 +121,40 @@ impl Frame {
         if self.is_perspective && seen.depth_hi <= 0.0 {
             return None;
         }
-        if self.is_perspective && seen.depth_lo <= error {
-            let whole = self.half * (1.0 + MARGIN);
-            return Some(Footprint {
-                plane_lo: -whole,
-                plane_hi: whole,
-                depth_lo: seen.depth_lo.max(0.0),
-                ..seen
-            });
-        }
-        for offset in offsets {
+        let place = |offset: DVec3| {
             let depth = if self.is_perspective { self.depth + offset.dot(forward) } else { 1.0 };
-            let plane = DVec2::new(offset.dot(right), offset.dot(up)) / depth;
-            let slack = DVec2::splat(MARGIN * reach / depth) + plane.abs() * MARGIN;
-            seen.plane_lo = seen.plane_lo.min(plane - slack);
-            seen.plane_hi = seen.plane_hi.max(plane + slack);
+            (depth, DVec2::new(offset.dot(right), offset.dot(up)))
+        };
+        for (octant, &offset) in offsets.iter().enumerate() {
+            let (depth, aside) = place(offset);
+            if depth > error {
+                let slack = (DVec2::splat(reach) + aside.abs()) * MARGIN / depth;
+                seen.plane_lo = seen.plane_lo.min(aside / depth - slack);
+                seen.plane_hi = seen.plane_hi.max(aside / depth + slack);
+                continue;
+            }
+            for axis in 0..3 {
+                let (ahead, beside) = place(offsets[octant ^ 1 << axis]);
+                if ahead > error {
+                    seen.meet_eye_plane(aside.lerp(beside, depth / (depth - ahead)), error);
+                }
+            }
         }
+        seen.depth_lo = if self.is_perspective { seen.depth_lo.max(0.0) } else { seen.depth_lo };
         Some(seen)
     }
 }
+
+impl Footprint {
+    /// An edge of the box meets the eye's plane at `aside`: near there it is seen ever farther
+    /// from the view axis, on that side.
+    fn meet_eye_plane(&mut self, aside: DVec2, error: f64) {
+        let (lower, upper) = (aside.cmple(DVec2::splat(error)), aside.cmpge(DVec2::splat(-error)));
+        self.plane_lo = DVec2::select(lower, DVec2::NEG_INFINITY, self.plane_lo);
+        self.plane_hi = DVec2::select(upper, DVec2::INFINITY, self.plane_hi);
+    }
+}
+
 /// The largest f64 that is not above `units`.
 fn rounded_down(units: i128) -> f64 {
     let nearest = units as f64;

@@ -130,7 +130,6 @@ impl View {
             cell_width: self.domain.cell_width(octree),
             basis: self.basis,
             is_perspective: self.is_perspective,
-            half: self.half,
         }
     }
 
