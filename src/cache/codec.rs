@@ -2,7 +2,7 @@
 
 use super::brick::{BrickShape, RawBrick, state};
 
-/// zstd level: 3 decodes fastest for what it saves on byte-shuffled floats (`docs/FORMAT.md`).
+/// zstd level: what higher ones save on byte-shuffled floats is not worth their time.
 const COMPRESSION_LEVEL: i32 = 3;
 
 /// Compresses payloads; holds the codec's context and a scratch buffer for one thread.
