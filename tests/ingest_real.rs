@@ -1,10 +1,16 @@
 //! Ingest of real runs: what the cache's header says against independently computed facts.
 
+#[path = "support/hexadecimal.rs"]
+mod hexadecimal;
+
 use std::path::{Path, PathBuf};
 
 use deepfield::cache::{self, Cache};
 use deepfield::ingest::{Options, Progress, ingest, survey};
+use deepfield::render::Probe;
+use deepfield::scene::Interpolation;
 use deepfield::source;
+use deepfield::space::Decimal;
 use serde_json::Value;
 
 fn data() -> Option<PathBuf> {
@@ -32,6 +38,27 @@ fn close(found: f64, expected: &Value, tolerance: f64) {
     );
 }
 
+/// Every sample point has the level that the facts give, and the value rounded to f32.
+fn check_samples(cache: &Cache, facts: &Value, set: &str) {
+    let mut probe = Probe::new(cache, "density", Interpolation::Cell).ok();
+    let samples = facts["samples"].as_array().map_or(&[][..], Vec::as_slice);
+    assert_eq!(samples.len(), 1000);
+    for sample in samples {
+        let point = [0, 1, 2].map(|a| {
+            let double = sample["pos_hex"][a].as_str().and_then(hexadecimal::parse);
+            Decimal::from_f64(double.unwrap_or(f64::NAN)).ok()
+        });
+        let found = match (&mut probe, point) {
+            (Some(probe), [Some(x), Some(y), Some(z)]) => probe.at(&[x, y, z]).ok().flatten(),
+            _ => None,
+        };
+        let value = sample["density"].as_str().and_then(|text| text.parse::<f64>().ok());
+        let expected = value.map(|value| f64::from(value as f32));
+        assert_eq!(found.map(|found| found.value), expected, "{set}: {sample}");
+        assert_eq!(found.map(|found| u64::from(found.level)), sample["level"].as_u64());
+    }
+}
+
 #[test]
 fn caches_of_real_runs_hold_what_the_runs_hold() {
     let Some(data) = data() else { return };
@@ -50,6 +77,7 @@ fn caches_of_real_runs_hold_what_the_runs_hold() {
             assert_eq!(opened.header(), &header);
             let report = cache::verify(&opened, &mut |_, _| {}).unwrap();
             assert_eq!(report.listed, []);
+            check_samples(&opened, &facts, set);
             let simulated = header.levels.iter().filter(|level| level.simulation.is_some());
             for (level, found) in simulated.enumerate() {
                 let of = |key: &str| facts[key][level.to_string()].as_u64().unwrap();

@@ -3,6 +3,9 @@
 
 #![allow(clippy::unwrap_used)] // a test's way to fail
 
+#[path = "support/hexadecimal.rs"]
+mod hexadecimal;
+
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
@@ -18,17 +21,6 @@ fn dump(set: &str) -> Option<(PathBuf, Value)> {
     };
     let facts: Value = serde_json::from_str(&facts).unwrap();
     Some((folder.join(facts["dump"].as_str().unwrap()), facts))
-}
-
-/// The double that a C99 hexadecimal literal is.
-fn parse_hex(text: &str) -> f64 {
-    let (sign, body) = text.strip_prefix('-').map_or((1.0, text), |body| (-1.0, body));
-    let (mantissa, exponent) = body.strip_prefix("0x").unwrap().split_once('p').unwrap();
-    let digits = mantissa.replace('.', "");
-    let fraction = mantissa.split_once('.').map_or(0, |(_, fraction)| fraction.len());
-    let value = u64::from_str_radix(&digits, 16).unwrap() as f64;
-    let shift = exponent.parse::<i32>().unwrap() - 4 * i32::try_from(fraction).unwrap();
-    sign * value * f64::from(shift).exp2()
 }
 
 fn grids(source: &dyn Source) -> Vec<GridRecord> {
@@ -75,8 +67,10 @@ fn check_samples(source: &dyn Source, facts: &Value) {
     let samples = facts["samples"].as_array().unwrap();
     assert_eq!(samples.len(), 1000);
     for sample in samples {
-        let point = [0, 1, 2]
-            .map(|a| Decimal::from_f64(parse_hex(sample["pos_hex"][a].as_str().unwrap())).unwrap());
+        let point = [0, 1, 2].map(|a| {
+            Decimal::from_f64(hexadecimal::parse(sample["pos_hex"][a].as_str().unwrap()).unwrap())
+                .unwrap()
+        });
         let position = hierarchy.domain.position(&point).unwrap();
         let (grid, cell) = grids
             .iter()
