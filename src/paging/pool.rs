@@ -26,7 +26,7 @@ impl<B> Deref for Pinned<B> {
 /// the waiting thread tries itself, so that each gets its own error, and the pool goes on.
 /// Nothing ever waits for a slot: those who pin must be few enough (see [`Self::get`]).
 pub struct Pool<'l, L: Loader> {
-    loader: &'l L,
+    loader: L,
     counters: &'l Counters,
     clock: Mutex<Clock<L::Brick>>,
     changed: Condvar,
@@ -34,7 +34,7 @@ pub struct Pool<'l, L: Loader> {
 
 impl<'l, L: Loader> Pool<'l, L> {
     /// A pool of at most `slots` slots that `loader` fills; loads are counted in `counters`.
-    pub fn new(slots: usize, loader: &'l L, counters: &'l Counters) -> Self {
+    pub fn new(slots: usize, loader: L, counters: &'l Counters) -> Self {
         Self { loader, counters, clock: Mutex::new(Clock::new(slots)), changed: Condvar::new() }
     }
 

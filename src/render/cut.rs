@@ -5,14 +5,44 @@ use glam::DVec3;
 use super::interpolant::DrawnNeighbours;
 use crate::Result;
 use crate::cache::{BrickPlace, BrickShape};
-use crate::scene::{Projection, Scene, Tolerance};
+use crate::scene::{Projection, Scene};
 use crate::space::{Domain, Position};
 
-/// Decides from geometry alone whether a brick is opened: the same for every tile, thread and
-/// memory limit. Monotone (an opened brick's parent is opened), and bricks that touch differ by
+/// Which bricks are opened.
+#[derive(Debug, Clone)]
+pub enum Cut {
+    /// All that have children.
+    FullDepth,
+    /// By the size of their cells in pixels.
+    Footprint(FootprintCut),
+    /// By how far the light of a ray through them may be off if they are drawn as they are.
+    Error(ErrorCut),
+}
+
+impl Cut {
+    /// Which of the bricks around the drawn one at `place` are drawn at its level or finer, where
+    /// they exist. A cut by error counts what its bricks are off by with all of them.
+    pub fn drawn_neighbours(&self, place: &BrickPlace) -> DrawnNeighbours {
+        match self {
+            Self::Footprint(cut) => cut.drawn_neighbours(place),
+            Self::FullDepth | Self::Error(_) => DrawnNeighbours::ALL,
+        }
+    }
+}
+
+/// Opens bricks by which a ray's light may be off by more than a limit.
+#[derive(Debug, Clone, Copy)]
+pub struct ErrorCut {
+    /// The limit, in the picture's own unit.
+    pub limit: f64,
+    /// Light that is expected from behind a brick.
+    pub behind: f64,
+}
+
+/// A cut by geometry alone: the same for every tile, thread and memory limit. Monotone (an opened brick's parent is opened), and bricks that touch differ by
 /// one level at most where the cut, and not the data, ends the descent.
 #[derive(Debug, Clone)]
-pub struct Cut {
+pub struct FootprintCut {
     domain: Domain,
     shape: BrickShape,
     rule: Rule,
@@ -21,43 +51,20 @@ pub struct Cut {
 /// What a brick's largest cell edge must exceed for the brick to be opened.
 #[derive(Debug, Clone)]
 enum Rule {
-    /// Nothing: all levels are drawn.
-    FullDepth,
     /// A constant, code length: the size of an orthographic picture's pixels.
     Size(f64),
     /// `slope` times the distance of the brick from the eye.
     Distance { eye: Position, slope: f64 },
 }
 
-impl Cut {
-    /// The cut for a scene: full depth for tolerance 0, otherwise cells are opened while they are
-    /// larger than a pixel where the brick is nearest to the eye.
-    ///
-    /// # Errors
-    /// An eye too far from the domain.
-    pub fn new(scene: &Scene, domain: &Domain, shape: BrickShape) -> Result<Self> {
-        let pixels = match scene.render.tolerance {
-            Tolerance::Absolute(0.0) | Tolerance::Relative(0.0) => 0.0,
-            _ => 1.0,
-        };
-        Self::of_pixels(pixels, scene, domain, shape)
-    }
-
+impl FootprintCut {
     /// The cut that opens cells while they are larger than `pixels` pixels where the brick is
-    /// nearest to the eye; 0: all levels.
+    /// nearest to the eye.
     ///
     /// # Errors
     /// An eye too far from the domain.
-    pub fn of_pixels(
-        pixels: f64,
-        scene: &Scene,
-        domain: &Domain,
-        shape: BrickShape,
-    ) -> Result<Self> {
-        let rule = match pixels {
-            0.0 => Rule::FullDepth,
-            _ => Rule::of_pixels(pixels, scene, domain, shape)?,
-        };
+    pub fn new(pixels: f64, scene: &Scene, domain: &Domain, shape: BrickShape) -> Result<Self> {
+        let rule = Rule::of_pixels(pixels, scene, domain, shape)?;
         Ok(Self { domain: domain.clone(), shape, rule })
     }
 
@@ -66,7 +73,6 @@ impl Cut {
     pub fn opens(&self, place: &BrickPlace) -> bool {
         let cell = self.domain.cell_width(place.octree).max_element();
         match &self.rule {
-            Rule::FullDepth => true,
             Rule::Size(size) => cell > *size,
             Rule::Distance { eye, slope } => cell > slope * self.distance(eye, place),
         }
@@ -150,11 +156,11 @@ mod tests {
 
     use super::*;
 
-    fn cut(edge: u32, eye: [i128; 3], slope: f64) -> Cut {
+    fn cut(edge: u32, eye: [i128; 3], slope: f64) -> FootprintCut {
         let domain = Domain::new([0.0; 3], [1.0, 0.3, 2.0], [48, 40, 36]).unwrap();
         let shape = BrickShape::new(edge).unwrap();
         let slope = slope.min(Rule::steepest_slope(shape));
-        Cut { domain, shape, rule: Rule::Distance { eye: Position(eye), slope } }
+        FootprintCut { domain, shape, rule: Rule::Distance { eye: Position(eye), slope } }
     }
 
     /// Bricks near the eye, at any level, where the decision is close.
@@ -234,7 +240,7 @@ mod tests {
         let domain = Domain::new([0.0; 3], [1.0; 3], [16; 3]).unwrap();
         let shape = BrickShape::new(16).unwrap();
         let root = BrickPlace::root(0);
-        let at = |rule| Cut { domain: domain.clone(), shape, rule };
+        let at = |rule| FootprintCut { domain: domain.clone(), shape, rule };
         assert!(at(Rule::FullDepth).opens(&root));
         assert!(at(Rule::Size(0.99 / 16.0)).opens(&root));
         assert!(!at(Rule::Size(1.0 / 16.0)).opens(&root));

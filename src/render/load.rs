@@ -2,6 +2,7 @@
 
 use super::scaled::ScaledBrick;
 use super::shading::Shading;
+use super::transfer_pieces::PieceList;
 use crate::cache::{BrickPlace, Cache, Decoder, FieldRecord, NodeRecord, RawBrick};
 use crate::paging::{LoadedBytes, Loader, Request};
 use crate::{Error, Result};
@@ -35,6 +36,8 @@ pub struct BrickLoader<'r> {
     pub cache: &'r Cache,
     /// The field and its mapping.
     pub shading: &'r Shading,
+    /// By what rays keep accounts, if they do.
+    pub(super) accounts: Option<&'r PieceList>,
 }
 
 /// One thread's buffers for [`BrickLoader`].
@@ -84,6 +87,9 @@ impl Loader for BrickLoader<'_> {
         let header = self.cache.header();
         let map = |stored| self.shading.map(stored);
         brick.prepare(raw, place, header, map, self.shading.interpolation)?;
+        if let Some(pieces) = self.accounts {
+            brick.survey(pieces, &self.shading.distance(record, field));
+        }
         let blocks = usize::from(field.parent_blocks) + 1;
         Ok(LoadedBytes {
             read: u64::from(field.stored_bytes),

@@ -3,11 +3,13 @@
 use super::absorb::Integrator;
 use super::frame::LocalRay;
 use super::interpolant::DrawnNeighbours;
+use super::ledger::{DomainEnd, Ledger};
 use super::march_cell::march_cells;
 use super::march_linear::march_linear;
-use super::ray_state::{Accuracy, RayState};
+use super::ray_error::RayError;
+use super::ray_state::{Ending, RayState};
 use super::scaled::ScaledBrick;
-use super::transfer_pieces::TransferPieces;
+use super::transfer_pieces::PieceList;
 use super::walk::clip;
 
 /// A box inside a brick, in cells from its lowest corner, clipped to the domain.
@@ -17,31 +19,226 @@ pub struct Region {
     pub lo: [f64; 3],
     /// Upper corner.
     pub hi: [f64; 3],
+    /// Faces at which the domain ends: bit a the lower one along axis a, bit 3 + a the upper.
+    pub ends: u8,
 }
 
-/// Adds to `state` what `ray` gathers in `region` of `brick`, front to back, by the transfer
-/// function `pieces`. `drawn` says beside which neighbours the level ends. Returns the number of
-/// stretches integrated.
-pub fn march(
-    brick: &ScaledBrick,
-    region: &Region,
-    drawn: DrawnNeighbours,
+const ALL_FACES: u8 = 0x3f;
+
+/// What all rays of a picture march by.
+pub(super) struct Light<'l> {
+    /// The transfer function.
+    pub(super) pieces: &'l PieceList,
+    /// Where a ray may end.
+    pub(super) ending: Ending,
+}
+
+/// The brick that a ray passes through, and what of it is drawn.
+#[derive(Clone, Copy)]
+pub(super) struct Passage<'b> {
+    pub(super) brick: &'b ScaledBrick,
+    pub(super) region: Region,
+    /// Beside which neighbours the level ends.
+    pub(super) drawn: DrawnNeighbours,
+    /// Whether the brick is drawn in place of its children.
+    pub(super) hides: bool,
+}
+
+/// The square of the picture that a ray stands for, as a brick sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Beam {
+    /// Displacement of the square's farthest rays, cells along each axis, for each unit of depth
+    /// in a perspective view; in an orthographic one wherever they are.
+    pub(super) spread: [f64; 3],
+    /// Half the square's diagonal as an angle; 0 in an orthographic view.
+    pub(super) angle: f64,
+    /// Code lengths along the square's rays for each cell along each axis, at most.
+    pub(super) advance: [f64; 3],
+    /// Depth at σ = 0.
+    pub(super) depth: f64,
+    /// The part of the square that the brick covers, at most.
+    pub(super) covered: f64,
+}
+
+/// Adds to `state` what `ray` gathers in a brick, front to back, and to `account` what of it may
+/// be wrong. Returns the number of stretches integrated.
+pub(super) fn march(
+    passage: &Passage<'_>,
     ray: &LocalRay,
-    pieces: &TransferPieces,
-    accuracy: &Accuracy,
+    light: &Light<'_>,
     state: &mut RayState,
+    account: Option<(&mut RayError, &Beam)>,
 ) -> u64 {
-    let edge = brick.edge as f64;
-    let (lo, hi) = (region.lo.map(|x| x.max(0.0)), region.hi.map(|x| x.min(edge)));
-    let Some(span) = clip(ray, lo, hi) else {
-        return 0;
-    };
-    let region = Region { lo, hi };
-    let mut integrator = Integrator::new(pieces, accuracy, state);
-    if brick.is_piecewise_constant() {
-        march_cells(brick, &region, ray, span, &mut integrator);
-    } else {
-        march_linear(brick, &region, drawn, ray, span, &mut integrator);
+    let edge = passage.brick.edge as f64;
+    let mut region = passage.region;
+    region.lo = region.lo.map(|x| x.max(0.0));
+    region.hi = region.hi.map(|x| x.min(edge));
+    if passage.brick.is_piecewise_constant() {
+        // Values do not meet at the brick's faces either.
+        region.ends = ALL_FACES;
     }
-    integrator.count
+    let span = clip(ray, region.lo, region.hi);
+    let (mut ledger, beam) = match account.filter(|_| !passage.brick.relief.is_empty()) {
+        None => (None, None),
+        Some((error, beam)) => {
+            let depth = if ray.sigma_min.is_finite() {
+                (beam.depth + farthest(ray, &region, beam, span)).max(0.0)
+            } else {
+                1.0
+            };
+            let spread = beam.spread.map(|spread| spread * depth);
+            let relief = &passage.brick.relief;
+            let mut ledger = Ledger::new(relief, error, passage.hides, (spread, beam.angle));
+            if ledger.is_spread() {
+                look_beside(&mut ledger, ray, &region, beam, span, state);
+            }
+            (Some(ledger), Some(beam))
+        }
+    };
+    let Some(span) = span else { return 0 };
+    let accounts = ledger.is_some();
+    let mut integrator = Integrator::new(light.pieces, &light.ending, accounts, state);
+    if passage.brick.is_piecewise_constant() {
+        march_cells(passage.brick, &region, ray, span, &mut integrator, &mut ledger);
+    } else {
+        march_linear(passage, &region, ray, span, &mut integrator, &mut ledger);
+    }
+    let count = integrator.count;
+    if let Some(beam) = beam {
+        state.mark(beam.depth + span.1 + rounding(beam.depth, span.1));
+    }
+    count
+}
+
+/// σ of the farthest place at which rays of the square may be in the region.
+fn farthest(ray: &LocalRay, region: &Region, beam: &Beam, span: Option<(f64, f64)>) -> f64 {
+    let across: f64 =
+        (0..3).map(|a| (region.hi[a] - region.lo[a]) * beam.advance[a]).sum::<f64>() / ray.length;
+    match span {
+        Some((from, to)) => to + (across - (to - from)).max(0.0),
+        None => {
+            // The nearest place to the region's centre, and half the region beyond.
+            let middle: [f64; 3] =
+                std::array::from_fn(|a| 0.5 * (region.lo[a] + region.hi[a]) - ray.origin[a]);
+            let direction = ray.direction.to_array();
+            let along = |a: usize| middle[a] * direction[a];
+            let square: f64 = direction.iter().map(|d| d * d).sum();
+            let nearest = (along(0) + along(1) + along(2)) / square;
+            let reach: f64 = (0..3).map(|a| region.hi[a] - region.lo[a]).sum();
+            nearest + reach / square.sqrt()
+        }
+    }
+}
+
+fn rounding(depth: f64, sigma: f64) -> f64 {
+    1e-14 * (depth.abs() + sigma.abs())
+}
+
+/// A ray's way beside a brick is looked at in parts of this many cells.
+const PART_CELLS: f64 = 2.0;
+/// And in so many parts at most.
+const MOST_PARTS: f64 = 64.0;
+
+/// What rays of the square meet of the region where this one is outside, and what they miss
+/// where it is inside and the domain ends.
+fn look_beside(
+    ledger: &mut Ledger<'_>,
+    ray: &LocalRay,
+    region: &Region,
+    beam: &Beam,
+    span: Option<(f64, f64)>,
+    state: &RayState,
+) {
+    let spread = ledger.spread();
+    let moved = |faces: u8, by: f64| -> ([f64; 3], [f64; 3]) {
+        let off = |face: usize, a: usize| if faces >> face & 1 == 1 { by * spread[a] } else { 0.0 };
+        (
+            std::array::from_fn(|a| region.lo[a] - off(a, a)),
+            std::array::from_fn(|a| region.hi[a] + off(3 + a, a)),
+        )
+    };
+    let (lo, hi) = moved(ALL_FACES, 1.0);
+    let Some(wide) = clip(ray, lo, hi) else { return };
+    let inside = span.map_or(0.0, |(from, to)| (to - from) * ray.length);
+    let across: f64 = (0..3).map(|a| (region.hi[a] - region.lo[a]) * beam.advance[a]).sum();
+    let all = (wide.1 - wide.0) * ray.length;
+    // All rays of the square meet the region within its extent along the ray.
+    let outside = (all.min(across) - inside).max(0.0);
+    let counted = if all > inside { outside / (all - inside) } else { 0.0 };
+    let before =
+        |sigma: f64| state.transmittance_at(beam.depth + sigma - rounding(beam.depth, sigma));
+    let share = if span.is_some() { 0.5 } else { beam.covered.min(0.5) };
+    let (from, to) = span.unwrap_or((wide.1, wide.1));
+    let (lo, hi) = moved(region.ends, -1.0);
+    let kept = match span {
+        Some(_) => clip(ray, lo, hi).unwrap_or((to, from)),
+        None => (wide.1, wide.1),
+    };
+    let rims = [(wide.0, kept.0.max(from)), (kept.1.min(to), wide.1)];
+    let domain_ends = rims.map(|rim| domain_end(ray, region, spread, rim));
+    for (ends, end) in [(wide.0, from), (to, wide.1)].into_iter().zip(domain_ends) {
+        each_part(ray, region, ends, |point, (from, to), half| {
+            let group = ledger.group_near(point, half);
+            let part = (counted * (to - from) * ray.length, before(from));
+            ledger.beside(&group, part, share, end);
+        });
+    }
+    if region.ends == 0 || span.is_none() {
+        return;
+    }
+    let share = (0.5 * f64::from(region.ends.count_ones())).min(1.0);
+    for (ends, end) in [(from, kept.0), (kept.1, to)].into_iter().zip(domain_ends) {
+        each_part(ray, region, ends, |point, (from, to), half| {
+            let group = ledger.group_near(point, half);
+            ledger.domain_ends(&group, ((to - from) * ray.length, before(from)), share, end);
+        });
+    }
+}
+
+/// How many of the region's faces at which the domain ends come within the spread of the ray
+/// over a stretch of σ.
+fn domain_end(
+    ray: &LocalRay,
+    region: &Region,
+    spread: [f64; 3],
+    (from, to): (f64, f64),
+) -> DomainEnd {
+    let reaches = |face: usize| {
+        let a = face % 3;
+        let plane = if face < 3 { region.lo[a] } else { region.hi[a] };
+        let at = |sigma: f64| ray.origin[a] + ray.direction[a] * sigma - plane;
+        let (start, end) = (at(from), at(to));
+        region.ends >> face & 1 == 1
+            && start.min(end) <= spread[a] * (1.0 + 1e-9)
+            && start.max(end) >= -spread[a] * (1.0 + 1e-9)
+    };
+    match (0..6).filter(|&face| reaches(face)).count() {
+        0 => DomainEnd::Nowhere,
+        1 => DomainEnd::Face,
+        _ => DomainEnd::Edge,
+    }
+}
+
+/// Cuts σ from `from` to `to` into parts; of each: its middle within the region, its ends, and
+/// half its length in cells.
+fn each_part(
+    ray: &LocalRay,
+    region: &Region,
+    (from, to): (f64, f64),
+    mut look: impl FnMut([f64; 3], (f64, f64), f64),
+) {
+    let cells = (to - from) * ray.direction.abs().max_element();
+    if !(cells > 0.0) {
+        return;
+    }
+    let count = (cells / PART_CELLS).ceil().min(MOST_PARTS);
+    let step = (to - from) / count;
+    for n in 0..count as u32 {
+        let ends = (from + f64::from(n) * step, from + f64::from(n + 1) * step);
+        let middle = 0.5 * (ends.0 + ends.1);
+        let point = std::array::from_fn(|a| {
+            (ray.origin[a] + ray.direction[a] * middle).clamp(region.lo[a], region.hi[a])
+        });
+        look(point, ends, 0.5 * cells / count);
+    }
 }

@@ -2,8 +2,10 @@
 
 use super::absorb::Integrator;
 use super::frame::LocalRay;
+use super::ledger::Ledger;
 use super::march::Region;
-use super::scaled::ScaledBrick;
+use super::scaled::{ScaledBlock, ScaledBrick};
+use super::touch::Touch;
 use super::walk::Walk;
 
 /// As [`super::march::march`], over the stretch `span` of σ.
@@ -13,11 +15,15 @@ pub(super) fn march_cells(
     ray: &LocalRay,
     span: (f64, f64),
     integrator: &mut Integrator<'_>,
+    ledger: &mut Option<Ledger<'_>>,
 ) {
     let block = &brick.blocks[0];
     let lo = region.lo.map(|x| x.floor() as i32);
     let hi = std::array::from_fn(|a| (region.hi[a].ceil() as i32 - 1).max(lo[a]));
     let mut walk = Walk::new(ray, span, 0.0, lo, hi);
+    if let Some(ledger) = ledger {
+        return march_accounted(block, ray, &mut walk, integrator, ledger);
+    }
     // Equal neighbours make one stretch: the closed form is the same and costs once.
     let (mut x, mut from, mut to) = (f64::NAN, span.0, span.0);
     while let Some(step) = walk.next() {
@@ -34,9 +40,33 @@ pub(super) fn march_cells(
     add(integrator, x, (to - from) * ray.length);
 }
 
+/// The same cell by cell, with an account of each.
+fn march_accounted(
+    block: &ScaledBlock,
+    ray: &LocalRay,
+    walk: &mut Walk,
+    integrator: &mut Integrator<'_>,
+    ledger: &mut Ledger<'_>,
+) {
+    while let Some(step) = walk.next() {
+        if integrator.is_faded() {
+            break;
+        }
+        ledger.enter(step.cell, integrator);
+        let length = (step.to - step.from) * ray.length;
+        if ledger.is_spread() {
+            let touching = Touch::new(ray, &step, 0.0, ledger.spread()).faces() * length;
+            let transmittance = integrator.state.transmittance;
+            ledger.touch(touching, length, transmittance);
+        }
+        add(integrator, block.values[block.at(step.cell.map(|c| c as usize + 1))], length);
+    }
+    ledger.close(integrator);
+}
+
 #[inline]
 fn add(integrator: &mut Integrator<'_>, x: f64, length: f64) {
     if !x.is_nan() {
-        integrator.constant(x, length);
+        integrator.cell(x, length);
     }
 }

@@ -5,19 +5,21 @@ use super::absorb::Integrator;
 use super::blend::march_mixed;
 use super::frame::LocalRay;
 use super::interpolant::DrawnNeighbours;
-use super::march::Region;
+use super::ledger::Ledger;
+use super::march::{Passage, Region};
 use super::polynomial::Polynomial;
 use super::scaled::{ScaledBrick, dual};
+use super::touch::Touch;
 use super::walk::{Step, Walk};
 
 /// As [`super::march::march`], over the stretch `span` of σ.
 pub(super) fn march_linear(
-    brick: &ScaledBrick,
+    &Passage { brick, drawn, .. }: &Passage<'_>,
     region: &Region,
-    drawn: DrawnNeighbours,
     ray: &LocalRay,
     span: (f64, f64),
     integrator: &mut Integrator<'_>,
+    ledger: &mut Option<Ledger<'_>>,
 ) {
     let lo = region.lo.map(|x| (x + 0.5).floor() as i32);
     let hi = std::array::from_fn(|a| ((region.hi[a] + 0.5).ceil() as i32 - 1).max(lo[a]));
@@ -26,12 +28,53 @@ pub(super) fn march_linear(
         if integrator.is_faded() {
             break;
         }
-        match kind(brick, step.cell, drawn) {
+        let kind = kind(brick, step.cell, drawn);
+        if let Some(ledger) = ledger {
+            ledger.enter(step.cell, integrator);
+        }
+        match kind {
             dual::PLAIN => march_plain(brick, ray, &step, integrator),
             dual::MIXED => march_mixed(brick, drawn, ray, &step, integrator),
             _ => {}
         }
+        if let Some(ledger) = ledger
+            && ledger.is_spread()
+        {
+            let touch = Touch::new(ray, &step, 0.5, ledger.spread());
+            let (touching, beyond) = if ledger.is_wide() {
+                (1.0, [0.0; 3])
+            } else {
+                (touching(&touch, brick, &step, kind), beyond(&touch))
+            };
+            ledger.leave(touching, beyond, integrator);
+        }
     }
+    if let Some(ledger) = ledger {
+        ledger.close(integrator);
+    }
+}
+
+/// The share of a stretch along which rays of the square may be beyond the brick's face, or
+/// where weights beside a border of levels bend.
+#[inline]
+fn touching(touch: &Touch, brick: &ScaledBrick, step: &Step, kind: u8) -> f64 {
+    if kind != dual::PLAIN {
+        // With more than one ancestor weights bend at more places than these.
+        let simple = brick.used <= 2;
+        return if simple { touch.faces() + touch.middles() + touch.diagonals() } else { 1.0 };
+    }
+    let edge = brick.edge as i32;
+    let ends = |a: usize| {
+        let is_at_face = step.cell[a] == 0 || step.cell[a] == edge;
+        if is_at_face { touch.plane(a, 0.5) } else { 0.0 }
+    };
+    ends(0) + ends(1) + ends(2)
+}
+
+/// How far rays of the square are on average in the next dual cell along each axis.
+#[inline]
+fn beyond(touch: &Touch) -> [f64; 3] {
+    std::array::from_fn(|a| touch.beyond(a, 0.0) + touch.beyond(a, 1.0))
 }
 
 #[inline]
@@ -57,7 +100,7 @@ fn march_plain(brick: &ScaledBrick, ray: &LocalRay, step: &Step, integrator: &mu
     let high = corners.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let piece = integrator.pieces.at(low);
     let fits = high < piece.end;
-    if fits && piece.is_transparent {
+    if fits && piece.is_transparent && integrator.reach.is_none() {
         return;
     }
     let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
@@ -67,7 +110,7 @@ fn march_plain(brick: &ScaledBrick, ray: &LocalRay, step: &Step, integrator: &mu
     let x = Polynomial::along_line(&corners, at(step.from), at(step.to));
     let length = (step.to - step.from) * ray.length;
     if fits {
-        integrator.within(&x, piece, [low, high], length);
+        integrator.along_piece(&x, piece, [low, high], length);
     } else {
         integrator.along(&x, length);
     }

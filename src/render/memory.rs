@@ -1,6 +1,9 @@
 //! The memory plan of a picture: what everything takes, and how many bricks the rest holds.
 
 use super::load::{BrickLoader, BrickScratch};
+use super::ray_error::ErrorShares;
+use super::rays::PixelGrid;
+use super::refine::Sheet;
 use super::scaled::ScaledBrick;
 use super::tile::Tile;
 use crate::cache::{Cache, Cursor, WINDOW_BYTES};
@@ -43,6 +46,7 @@ pub struct MemoryPlan {
 struct Demand {
     width: u32,
     height: u32,
+    tiles: u64,
     threads: u64,
     readers: u64,
     /// Levels of the tree.
@@ -59,20 +63,20 @@ struct Demand {
 }
 
 impl MemoryPlan {
-    /// The plan of a picture of `width`×`height` from `cache` on `threads` threads within `limit`
-    /// bytes.
+    /// The plan of a picture of `pixels` from `cache` on `threads` threads within `limit` bytes.
     ///
     /// # Errors
     /// A limit that is too small: the message names the smallest that works, in MiB.
-    pub fn new(cache: &Cache, width: u32, height: u32, threads: usize, limit: u64) -> Result<Self> {
+    pub fn new(cache: &Cache, pixels: &PixelGrid, threads: usize, limit: u64) -> Result<Self> {
         let header = cache.header();
         let blocks = usize::from(header.max_parent_blocks) + 1;
         let overhead = Pool::<BrickLoader<'_>>::slot_overhead() + size_of::<ScaledBrick>() as u64;
         let index_bytes = header.index_pages.saturating_mul(64 << 10);
         Self::from_demand(
             &Demand {
-                width,
-                height,
+                width: pixels.view().width(),
+                height: pixels.view().height(),
+                tiles: pixels.tiles(),
                 threads: threads.max(1) as u64,
                 readers: threads.clamp(1, MAX_READERS) as u64,
                 levels: header.levels.len() as u64,
@@ -124,8 +128,9 @@ fn fixed_parts(demand: &Demand) -> Vec<(&'static str, u64)> {
     let thread = STACK_TOUCHED.saturating_add(demand.scratch);
     vec![
         ("the picture", Film::bytes_needed(demand.width, demand.height)),
+        ("the tiles' bounds", demand.tiles.saturating_mul(size_of::<ErrorShares>() as u64)),
         ("writing the picture", u64::from(demand.width) * WRITING_PER_COLUMN + WRITING_FIXED),
-        ("the marching threads", threads.saturating_mul(thread.saturating_add(Tile::BYTES))),
+        ("the marching threads", threads.saturating_mul(thread.saturating_add(Tile::BYTES + Sheet::BYTES))),
         ("the reading threads", readers.saturating_mul(thread)),
         ("the index' checksums", demand.page_table),
         ("the counters", Counters::bytes(demand.bricks)),
@@ -152,6 +157,7 @@ mod tests {
         (picture, cache).prop_map(|((width, height, threads, levels), cache)| Demand {
             width,
             height,
+            tiles: u64::from(width / 8),
             threads,
             readers: threads.min(4),
             levels,

@@ -18,6 +18,7 @@ pub mod frame;
 pub mod interpolant;
 #[cfg(test)]
 mod interpolant_tests;
+mod ledger;
 pub mod load;
 pub mod march;
 mod march_cell;
@@ -28,8 +29,11 @@ pub mod memory;
 mod picture;
 mod polynomial;
 mod probe;
+pub mod ray_error;
 pub mod ray_state;
 pub mod rays;
+mod refine;
+mod relief;
 pub mod scaled;
 #[cfg(test)]
 mod scaled_tests;
@@ -41,7 +45,8 @@ mod test_data;
 mod test_scene;
 #[cfg(test)]
 mod test_tree;
-pub mod tile;
+mod tile;
+mod touch;
 pub mod transfer_pieces;
 pub mod tree_walk;
 pub mod view;
@@ -49,29 +54,31 @@ pub mod view;
 mod view_tests;
 mod walk;
 
-use std::sync::atomic::{AtomicBool, AtomicU64};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
 use self::census::Census;
-use self::cut::Cut;
+use self::cut::{Cut, FootprintCut};
 use self::load::BrickLoader;
+use self::march::Light;
 use self::memory::MemoryPlan;
-use self::picture::Picture;
+use self::picture::{Method, Picture, lock};
 pub use self::probe::{Found, Probe};
-use self::ray_state::Accuracy;
-use self::rays::RayGrid;
+use self::ray_error::ErrorShares;
+use self::ray_state::Ending;
+use self::rays::{BATCH_RAYS, PixelGrid};
+use self::refine::Goal;
 use self::shading::Shading;
 use self::stats::Stats;
-use self::tile::Light;
-use self::transfer_pieces::TransferPieces;
+use self::transfer_pieces::{PieceList, TransferPieces};
 use self::tree_walk::{FieldIndex, Scenery, Walk};
 use self::view::View;
 use crate::Result;
 use crate::cache::{Cache, Header};
 use crate::image::Film;
 use crate::paging::{Budget, Counters, Pool, peak_rss_bytes};
-use crate::scene::{Samples, Scene, Tolerance};
+use crate::scene::{Interpolation, Samples, Scene, Tolerance};
 use crate::space::Domain;
 
 /// How a picture is made, beside what it shows. The picture depends on none of it but `fixed`.
@@ -96,7 +103,8 @@ pub struct FixedSetting {
     pub pixels_per_cell: f64,
     /// n for n×n rays a pixel, whatever the scene's samples are.
     pub rays_per_axis: u32,
-    /// [`Accuracy::relative`] of the march.
+    /// How far emission may be off for simpler formulas, as a part of the picture's largest value
+    /// over the domain's diagonal; 0: exact.
     pub relative_accuracy: f64,
 }
 
@@ -118,69 +126,263 @@ pub struct Rendered {
 pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Result<Rendered> {
     let started = Instant::now();
     let header = cache.header();
-    let (width, height) = (scene.image.width, scene.image.height);
     let threads = options.threads.max(1);
     let shading = Shading::new(&scene.volume, scene.render.interpolation, header)?;
     let view = View::new(scene, &header.domain)?;
-    let cut = match &options.fixed {
-        Some(fixed) => Cut::of_pixels(fixed.pixels_per_cell, scene, &header.domain, header.shape)?,
-        None => Cut::new(scene, &header.domain, header.shape)?,
-    };
     let by_hand = |fixed: FixedSetting| Samples::Grid(fixed.rays_per_axis);
-    let rays = RayGrid::new(&view, options.fixed.map_or(scene.render.samples, by_hand));
-    let plan = MemoryPlan::new(cache, width, height, threads, options.memory)?;
+    let samples = options.fixed.map_or(scene.render.samples, by_hand);
+    let pixels = PixelGrid::new(&view, samples);
+    let plan = MemoryPlan::new(cache, &pixels, threads, options.memory)?;
     let reserved = plan.reserve(&Budget::new(options.memory))?;
     cache.set_index_windows(plan.windows);
-    let scenery = Scenery { header, view: &view, rays: &rays, cut: &cut, shading: &shading };
-    let census = take_census(cache, &scenery)?;
     let counters = Counters::new(header.nodes(), header.levels.len());
-    let loader = BrickLoader { cache, shading: &shading };
-    let picture = Picture {
-        cache,
-        light: light(&shading, relative_accuracy(scene.render.tolerance, options), header),
-        scenery,
-        pool: Pool::new(plan.slots, &loader, &counters),
-        film: Mutex::new(Film::new(width, height)?),
-        progress: options.progress,
-        next_tile: AtomicU64::new(0),
-        tiles_done: AtomicU64::new(0),
-        is_stopped: AtomicBool::new(false),
+    let studio = Studio { cache, scene, shading: &shading, counters: &counters, plan: &plan, threads };
+    let mut samples = vec![0; header.levels.len()];
+    let outcome = match options.fixed {
+        Some(fixed) => studio.by_hand(&pixels, &fixed, options, &mut samples)?,
+        None => studio.by_tolerance(&pixels, options, &mut samples)?,
     };
-    let samples = picture.draw(threads, plan.readers)?;
-    let film = picture.film.into_inner().unwrap_or_else(PoisonError::into_inner);
-    drop((picture.pool, reserved));
+    drop(reserved);
     let mut stats = Stats { memory_limit_bytes: options.memory, threads, ..Stats::default() };
-    stats.set_bricks(header.nodes(), &census, &counters);
+    stats.set_bricks(header.nodes(), &outcome.census, &counters);
     stats.set_levels(header, &counters, &samples);
-    stats.tolerance = absolute(scene.render.tolerance, &film);
+    stats.rays = outcome.rays;
+    stats.tolerance = absolute(scene.render.tolerance, &outcome.film);
+    stats.error_bound = outcome.shares.map(|shares| shares.total());
+    stats.error_shares = outcome.shares;
     stats.peak_rss_bytes = peak_rss_bytes();
     stats.render_seconds = started.elapsed().as_secs_f64();
     stats.set_opening(0.0);
-    Ok(Rendered { film, stats })
+    Ok(Rendered { film: outcome.film, stats })
 }
 
-/// One walk of the index over the whole picture.
-fn take_census(cache: &Cache, scenery: &Scenery<'_>) -> Result<Census> {
-    let mut index = FieldIndex { cursor: cache.cursor(), field: scenery.shading.field };
-    let mut walk = Walk::new(scenery, &mut index, Census::default(), scenery.rays.whole());
-    while walk.next(|_| true)?.is_some() {}
-    Ok(walk.into_tally())
+/// A finished picture, before statistics are made of it.
+struct Outcome {
+    film: Film,
+    /// How far its worst pixel may be off, if that is known.
+    shares: Option<ErrorShares>,
+    census: Census,
+    rays: u64,
 }
 
-/// An absolute tolerance says nothing of a ray before the picture is known: rays are then exact.
-fn relative_accuracy(tolerance: Tolerance, options: &RenderOptions<'_>) -> f64 {
-    match (options.fixed, tolerance) {
-        (Some(fixed), _) => fixed.relative_accuracy,
-        (None, Tolerance::Relative(part)) => part,
-        (None, Tolerance::Absolute(_)) => 0.0,
+/// What all attempts at a picture share.
+struct Studio<'s> {
+    cache: &'s Cache,
+    scene: &'s Scene,
+    shading: &'s Shading,
+    counters: &'s Counters,
+    plan: &'s MemoryPlan,
+    threads: usize,
+}
+
+/// A glance is at most this many pixels wide or high.
+const GLANCE_PIXELS: u32 = 64;
+/// The part of a tolerance relative to the largest value of a glance that is tried first: what a
+/// glance sees may be brighter than the picture's pixels.
+const FIRST_TRY: f64 = 0.9;
+/// Attempts at tiles that turn out to need a smaller tolerance.
+const ATTEMPTS: u32 = 12;
+/// What exact pictures are converged to, relative to their largest value.
+const EXACT: f64 = 1e-6;
+/// Rays of a picture at most: pixels that take more keep a bound above the tolerance.
+const MOST_RAYS: u64 = 60_000_000;
+
+impl Studio<'_> {
+    /// By settings that ask nothing of the error.
+    fn by_hand(
+        &self,
+        pixels: &PixelGrid,
+        fixed: &FixedSetting,
+        options: &RenderOptions<'_>,
+        samples: &mut [u64],
+    ) -> Result<Outcome> {
+        let cut = self.footprint_cut(fixed.pixels_per_cell)?;
+        let light = if fixed.relative_accuracy > 0.0 { self.glance()? } else { 0.0 };
+        let transfer = self.transfer(fixed.relative_accuracy * light);
+        let pieces = self.pieces(&transfer);
+        let census = self.census(pixels, &cut, pieces)?;
+        let method = Method::Once { cut, accounts: false };
+        let picture = self.picture(pixels, (&transfer, pieces), method, None, options.progress)?;
+        picture.draw((self.threads, self.plan.readers), &|_| true, samples)?;
+        let rays = picture.rays.load(Ordering::Relaxed);
+        Ok(Outcome { film: into_inner(picture.film), shares: None, census, rays })
+    }
+
+    /// So that no pixel is off by more than the scene's tolerance.
+    fn by_tolerance(
+        &self,
+        pixels: &PixelGrid,
+        options: &RenderOptions<'_>,
+        samples: &mut [u64],
+    ) -> Result<Outcome> {
+        let tolerance = self.scene.render.tolerance;
+        let is_exact = matches!(tolerance, Tolerance::Absolute(0.0) | Tolerance::Relative(0.0));
+        let glance = if is_exact && !pixels.has_area() { 0.0 } else { self.glance()? };
+        let mut goal = Goal {
+            tolerance: match tolerance {
+                _ if is_exact => EXACT * glance,
+                Tolerance::Absolute(value) => value,
+                Tolerance::Relative(part) if glance > 0.0 => FIRST_TRY * part * glance,
+                Tolerance::Relative(_) => f64::MIN_POSITIVE,
+            },
+            behind: glance,
+            most_rays: MOST_RAYS.div_ceil(pixels.tiles()).max(BATCH_RAYS as u64),
+            all_levels: is_exact,
+        };
+        let transfer = self.transfer(if is_exact { 0.0 } else { goal.tolerance });
+        let pieces = self.pieces(&transfer);
+        let cut = goal.first_cut();
+        let census = self.census(pixels, &cut, pieces)?;
+        let method = if is_exact && !pixels.has_area() {
+            Method::Once { cut: Cut::FullDepth, accounts: true }
+        } else {
+            Method::Within(goal)
+        };
+        let allowed = if is_exact { None } else { Some(goal.tolerance) };
+        let mut picture =
+            self.picture(pixels, (&transfer, pieces), method, allowed, options.progress)?;
+        let mut limit = f64::INFINITY;
+        for attempt in 0..ATTEMPTS {
+            let poor: Vec<bool> = lock(&picture.bounds)
+                .iter()
+                .map(|bound| attempt == 0 || !(bound.total() <= limit))
+                .collect();
+            if !poor.contains(&true) {
+                break;
+            }
+            let wanted = |tile: u64| {
+                usize::try_from(tile).ok().and_then(|tile| poor.get(tile)).copied().unwrap_or(true)
+            };
+            picture.draw((self.threads, self.plan.readers), &wanted, samples)?;
+            let Tolerance::Relative(part) = tolerance else { break };
+            if is_exact {
+                break;
+            }
+            let largest = f64::from(lock(&picture.film).largest_value());
+            let bound = worst(&lock(&picture.bounds)).total();
+            limit = part * (largest - bound).max(0.5 * largest);
+            // A glance that saw nothing says nothing.
+            if limit < goal.tolerance || glance == 0.0 {
+                goal.tolerance = if limit > 0.0 { FIRST_TRY * limit } else { 0.1 * bound };
+                goal.behind = largest;
+                picture.method = Method::Within(goal);
+            }
+        }
+        let rays = picture.rays.load(Ordering::Relaxed);
+        let shares = Some(worst(&lock(&picture.bounds)));
+        Ok(Outcome { film: into_inner(picture.film), shares, census, rays })
+    }
+
+    /// The largest value of a small picture, drawn without regard to its error.
+    fn glance(&self) -> Result<f64> {
+        let Scene { image, .. } = self.scene;
+        let scale = f64::from(GLANCE_PIXELS) / f64::from(image.width.max(image.height));
+        let mut scene = self.scene.clone();
+        if scale < 1.0 {
+            let scaled = |size: u32| ((f64::from(size) * scale).round() as u32).max(1);
+            (scene.image.width, scene.image.height) = (scaled(image.width), scaled(image.height));
+        }
+        let view = View::new(&scene, &self.cache.header().domain)?;
+        let pixels = PixelGrid::new(&view, Samples::Grid(1));
+        let transfer = self.transfer(0.0);
+        let pieces = self.pieces(&transfer);
+        let cut = Cut::Footprint(FootprintCut::new(
+            1.0,
+            &scene,
+            &self.cache.header().domain,
+            self.cache.header().shape,
+        )?);
+        let method = Method::Once { cut, accounts: false };
+        let picture = self.picture(&pixels, (&transfer, pieces), method, None, None)?;
+        picture.draw((self.threads, self.plan.readers), &|_| true, &mut [])?;
+        let film = into_inner(picture.film);
+        Ok(f64::from(film.largest_value()))
+    }
+
+    fn footprint_cut(&self, pixels_per_cell: f64) -> Result<Cut> {
+        if pixels_per_cell == 0.0 {
+            return Ok(Cut::FullDepth);
+        }
+        let Header { domain, shape, .. } = self.cache.header();
+        FootprintCut::new(pixels_per_cell, self.scene, domain, *shape).map(Cut::Footprint)
+    }
+
+    /// The transfer function, by formulas that let light be off by at most a twentieth of
+    /// `tolerance`: by emission times the longest way, or times the way that absorption leaves.
+    fn transfer(&self, tolerance: f64) -> TransferPieces {
+        let longest = diagonal(&self.cache.header().domain);
+        TransferPieces::new(&self.shading.transfer, |extinction| {
+            QUADRATURE_SHARE * tolerance * longest.recip().max(extinction)
+        })
+    }
+
+    /// Values that are constant in each cell need no simpler formulas.
+    fn pieces<'t>(&self, transfer: &'t TransferPieces) -> &'t PieceList {
+        match self.shading.interpolation {
+            Interpolation::Linear => &transfer.merged,
+            Interpolation::Cell => &transfer.all,
+        }
+    }
+
+    fn picture<'p>(
+        &'p self,
+        pixels: &'p PixelGrid,
+        (transfer, pieces): (&TransferPieces, &'p PieceList),
+        method: Method,
+        allowed: Option<f64>,
+        progress: Option<&'p (dyn Fn(u64, u64) + Sync)>,
+    ) -> Result<Picture<'p>> {
+        let header = self.cache.header();
+        let view = pixels.view();
+        let longest = diagonal(&header.domain);
+        let brightest = transfer.brightest().min(transfer.largest_emission() * longest);
+        let accounts = method.keeps_accounts().then_some(pieces);
+        let loader = BrickLoader { cache: self.cache, shading: self.shading, accounts };
+        let tiles = usize::try_from(pixels.tiles()).unwrap_or(usize::MAX);
+        Ok(Picture {
+            cache: self.cache,
+            light: Light {
+                pieces,
+                ending: Ending::new(brightest, ENDING_SHARE * allowed.unwrap_or(0.0)),
+            },
+            scenery: Scenery { header, view, pixels, shading: self.shading, bounds: pieces },
+            method,
+            pool: Pool::new(self.plan.slots, loader, self.counters),
+            film: Mutex::new(Film::new(view.width(), view.height())?),
+            bounds: Mutex::new(vec![ErrorShares::default(); tiles]),
+            progress,
+            next_tile: AtomicU64::new(0),
+            tiles_done: AtomicU64::new(0),
+            rays: AtomicU64::new(0),
+            is_stopped: AtomicBool::new(false),
+        })
+    }
+
+    /// One walk of the index over the whole picture.
+    fn census(&self, pixels: &PixelGrid, cut: &Cut, bounds: &PieceList) -> Result<Census> {
+        let header = self.cache.header();
+        let scenery =
+            Scenery { header, view: pixels.view(), pixels, shading: self.shading, bounds };
+        let mut index = FieldIndex { cursor: self.cache.cursor(), field: self.shading.field };
+        let mut walk = Walk::new(&scenery, &mut index, Census::default(), cut, pixels.whole());
+        while walk.next(|_| 1.0)?.is_some() {}
+        Ok(walk.into_tally())
     }
 }
 
-fn light(shading: &Shading, relative: f64, header: &Header) -> Light {
-    Light {
-        pieces: TransferPieces::new(&shading.transfer),
-        accuracy: Accuracy { relative, longest_path: diagonal(&header.domain) },
-    }
+/// The part of a tolerance that simpler formulas along rays may take.
+const QUADRATURE_SHARE: f64 = 0.05;
+/// The part of a tolerance that may be lost behind a ray's end.
+const ENDING_SHARE: f64 = 0.02;
+
+fn into_inner<T>(mutex: Mutex<T>) -> T {
+    mutex.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+/// The largest of the tiles' errors.
+fn worst(bounds: &[ErrorShares]) -> ErrorShares {
+    let largest = |a: ErrorShares, b: &ErrorShares| if a.total() >= b.total() { a } else { *b };
+    bounds.iter().fold(ErrorShares::default(), largest)
 }
 
 /// The domain's diagonal, code length.

@@ -2,15 +2,20 @@
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 
 use crossbeam::channel::Receiver;
 
 use super::load::{BrickLoader, BrickRequest, BrickScratch};
 use super::memory::STACK_BYTES;
+use super::cut::Cut;
+use super::march::Light;
+use super::ray_error::ErrorShares;
+use super::rays::PixelRect;
+use super::refine::{Batch, Goal, Sheet};
 use super::scaled::ScaledBrick;
-use super::tile::{Light, Tile};
+use super::tile::Tile;
 use super::tree_walk::{FieldIndex, Scenery, Step, Walk};
 use crate::cache::Cache;
 use crate::image::Film;
@@ -25,37 +30,63 @@ const STEPS_AHEAD: usize = 4;
 pub(super) struct Picture<'r> {
     pub(super) cache: &'r Cache,
     pub(super) scenery: Scenery<'r>,
-    pub(super) light: Light,
+    pub(super) light: Light<'r>,
+    pub(super) method: Method,
     pub(super) pool: Pool<'r, BrickLoader<'r>>,
     pub(super) film: Mutex<Film>,
+    /// How far each tile may be off.
+    pub(super) bounds: Mutex<Vec<ErrorShares>>,
     pub(super) progress: Option<&'r (dyn Fn(u64, u64) + Sync)>,
     pub(super) next_tile: AtomicU64,
     pub(super) tiles_done: AtomicU64,
+    pub(super) rays: AtomicU64,
     pub(super) is_stopped: AtomicBool,
 }
 
+/// How tiles are drawn.
+#[derive(Debug, Clone)]
+pub(super) enum Method {
+    /// Once, with this cut; `accounts`: knowing how far they may be off.
+    Once { cut: Cut, accounts: bool },
+    /// Until no pixel is off by more than a goal.
+    Within(Goal),
+}
+
+impl Method {
+    /// Whether rays keep accounts of what may be wrong with them.
+    pub(super) fn keeps_accounts(&self) -> bool {
+        !matches!(self, Self::Once { accounts: false, .. })
+    }
+}
+
 impl Picture<'_> {
-    /// Draws all tiles on `threads` threads, with `readers` more that read ahead. Returns the
-    /// samples taken at each level of the tree.
+    /// Draws all tiles of which `wanted` says so on `threads` threads, with `readers` more that
+    /// read ahead. Adds the samples taken at each level of the tree to `samples`.
     ///
     /// # Errors
     /// The first of what any thread met: all others stop.
-    pub(super) fn draw(&self, threads: usize, readers: usize) -> Result<Vec<u64>> {
+    pub(super) fn draw(
+        &self,
+        (threads, readers): (usize, usize),
+        wanted: &(dyn Fn(u64) -> bool + Sync),
+        samples: &mut [u64],
+    ) -> Result<()> {
+        self.next_tile.store(0, Ordering::Relaxed);
+        self.tiles_done.store(0, Ordering::Relaxed);
         let (ahead, requests) = ReadAhead::new(STEPS_AHEAD * threads);
-        let samples = std::thread::scope(|scope| {
-            let workers = self.launch(scope, threads, (ahead, readers, requests));
+        let workers = std::thread::scope(|scope| {
+            let workers = self.launch(scope, threads, (ahead, readers, requests), wanted);
             if workers.is_err() {
                 self.is_stopped.store(true, Ordering::Relaxed);
             }
             Ok::<_, Error>(workers?.into_iter().map(finish).collect::<Vec<_>>())
         })?;
-        let mut sums = vec![0; self.scenery.header.levels.len()];
-        for worker in samples {
-            for (sum, samples) in sums.iter_mut().zip(worker?) {
+        for worker in workers {
+            for (sum, samples) in samples.iter_mut().zip(worker?) {
                 *sum += samples;
             }
         }
-        Ok(sums)
+        Ok(())
     }
 
     /// Starts the threads. The readers end when no one is left to ask, so they do when starting
@@ -65,6 +96,7 @@ impl Picture<'_> {
         scope: &'s Scope<'s, '_>,
         threads: usize,
         (ahead, readers, requests): (ReadAhead<BrickRequest>, usize, Receiver<BrickRequest>),
+        wanted: &'s (dyn Fn(u64) -> bool + Sync),
     ) -> Result<Vec<ScopedJoinHandle<'s, Result<Vec<u64>>>>> {
         for _ in 0..readers {
             let (mut scratch, requests) = (BrickScratch::new(self.cache)?, requests.clone());
@@ -72,7 +104,7 @@ impl Picture<'_> {
         }
         let start = |_| {
             let worker = Worker::new(self, ahead.clone(), BrickScratch::new(self.cache)?);
-            self.start(scope, move || worker.run())
+            self.start(scope, move || worker.run(wanted))
         };
         (0..threads).map(start).collect()
     }
@@ -125,25 +157,26 @@ impl<'p, 'r> Worker<'p, 'r> {
         }
     }
 
-    fn run(mut self) -> Result<Vec<u64>> {
-        let outcome = self.draw_tiles();
+    fn run(mut self, wanted: &(dyn Fn(u64) -> bool + Sync)) -> Result<Vec<u64>> {
+        let outcome = self.draw_tiles(wanted);
         if outcome.is_err() {
             self.picture.is_stopped.store(true, Ordering::Relaxed);
         }
         outcome.map(|()| self.samples)
     }
 
-    fn draw_tiles(&mut self) -> Result<()> {
+    fn draw_tiles(&mut self, wanted: &(dyn Fn(u64) -> bool + Sync)) -> Result<()> {
         let picture = self.picture;
-        let total = picture.scenery.rays.tiles();
-        let field = picture.scenery.shading.field;
-        let mut index = FieldIndex { cursor: picture.cache.cursor(), field };
+        let total = picture.scenery.pixels.tiles();
+        let mut sheet = Sheet::default();
         loop {
             let tile = picture.next_tile.fetch_add(1, Ordering::Relaxed);
             if tile >= total || picture.is_stopped() {
                 return Ok(());
             }
-            self.draw_tile(tile, &mut index)?;
+            if wanted(tile) {
+                self.draw_tile(tile, &mut sheet)?;
+            }
             let done = picture.tiles_done.fetch_add(1, Ordering::Relaxed) + 1;
             if let Some(progress) = picture.progress {
                 progress(done, total);
@@ -151,23 +184,41 @@ impl<'p, 'r> Worker<'p, 'r> {
         }
     }
 
-    fn draw_tile(&mut self, tile: u64, index: &mut FieldIndex<'_>) -> Result<()> {
-        let (picture, rays) = (self.picture, self.picture.scenery.rays);
-        let rect = rays.tile(tile);
-        self.tile.start(rays, rect);
-        let mut walk = Walk::new(&picture.scenery, index, (), rect);
+    fn draw_tile(&mut self, tile: u64, sheet: &mut Sheet) -> Result<()> {
+        let picture = self.picture;
+        let rect = picture.scenery.pixels.tile(tile);
+        sheet.start(picture.scenery.pixels, rect, &picture.method);
+        while let Some(batch) = sheet.next(picture.scenery.pixels) {
+            self.draw_batch(rect, &batch)?;
+            if picture.is_stopped() {
+                return Ok(());
+            }
+            let outcome = self.tile.outcome(&picture.light);
+            sheet.judge(picture.scenery.pixels, &batch, outcome);
+        }
+        let shares = sheet.shares();
+        if let Some(bound) = lock(&picture.bounds).get_mut(usize::try_from(tile).unwrap_or(usize::MAX)) {
+            *bound = shares;
+        }
+        let width = rect.hi[0] - rect.lo[0];
+        lock(&picture.film).write_rectangle(rect.lo[0], rect.lo[1], width, sheet.pixels())
+    }
+
+    fn draw_batch(&mut self, rect: PixelRect, batch: &Batch) -> Result<()> {
+        let picture = self.picture;
+        let mut index =
+            FieldIndex { cursor: picture.cache.cursor(), field: picture.scenery.shading.field };
+        picture.rays.fetch_add(batch.squares.len() as u64, Ordering::Relaxed);
+        self.tile.start(picture.scenery.pixels, rect, &batch.squares);
+        let mut walk = Walk::new(&picture.scenery, &mut index, (), &batch.cut, rect);
         while !picture.is_stopped() {
             self.look_ahead(&mut walk)?;
             let Some(step) = self.queue.pop_front() else { break };
-            self.draw_step(&step)?;
+            self.draw_step(&step, batch)?;
         }
         self.queue.clear();
         self.pins.release(0);
-        let [left, top] = rect.lo.map(|ray| ray / rays.per_axis());
-        let width = rect.columns().len() as u32 / rays.per_axis();
-        let pixels = self.tile.pixels(rays);
-        let mut film = picture.film.lock().unwrap_or_else(PoisonError::into_inner);
-        film.write_rectangle(left, top, width, pixels)
+        Ok(())
     }
 
     /// Walks on until enough steps wait, and asks for their bricks.
@@ -183,21 +234,27 @@ impl<'p, 'r> Worker<'p, 'r> {
         Ok(())
     }
 
-    fn draw_step(&mut self, step: &Step) -> Result<()> {
+    fn draw_step(&mut self, step: &Step, batch: &Batch) -> Result<()> {
         let level = step.request.place.tree_level;
         // The walk has left whatever lies deeper.
         self.pins.release(level + 1);
-        if self.tile.needs(&step.rays) {
-            let Picture { pool, scenery, light, .. } = self.picture;
+        if self.tile.needs(&step.pixels) > 0.0 {
+            let Picture { pool, scenery, light, method, .. } = self.picture;
             let brick = self.pins.hold(&step.request, pool, &mut self.scratch)?;
-            let drawn = scenery.cut.drawn_neighbours(&step.request.place);
-            self.samples[level] += self.tile.draw(step, brick, drawn, light);
+            let drawn = batch.cut.drawn_neighbours(&step.request.place);
+            let accounts = method.keeps_accounts();
+            self.samples[level] +=
+                self.tile.draw(step, brick, drawn, (light, scenery.pixels), accounts);
         }
         if step.is_last {
             self.pins.release(level);
         }
         Ok(())
     }
+}
+
+pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The bricks on a walk's way down: one at each level of the tree at most.

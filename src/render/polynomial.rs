@@ -7,6 +7,9 @@ pub(super) struct Polynomial<const N: usize>(pub [f64; N]);
 /// A root is found to this in s at worst, as a rule to its square (Newton's method).
 const ROOT_TOLERANCE: f64 = 1e-9;
 
+/// Halvings at most of what is not monotone, before all of it counts as near.
+const NEAR_HALVINGS: u32 = 5;
+
 impl<const N: usize> Polynomial<N> {
     /// The value that is `x` everywhere.
     pub(super) fn constant(x: f64) -> Self {
@@ -54,6 +57,40 @@ impl<const N: usize> Polynomial<N> {
             }
         }
         points
+    }
+
+    /// The mean over [0, 1].
+    #[inline]
+    pub(super) fn mean(&self) -> f64 {
+        self.0.iter().enumerate().rev().fold(0.0, |sum, (k, c)| sum + c / (k + 1) as f64)
+    }
+
+    /// An upper bound of the share of [0, 1] in which the function is within `reach` of `value`.
+    pub(super) fn share_near(&self, value: f64, reach: f64) -> f64 {
+        self.share_between([value - reach, value + reach], NEAR_HALVINGS)
+    }
+
+    fn share_between(&self, [low, high]: [f64; 2], halvings: u32) -> f64 {
+        let points = self.control_points();
+        let (least, most) = points
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), &p| (p.min(l), p.max(m)));
+        if most < low || least > high {
+            return 0.0;
+        }
+        if least >= low && most <= high {
+            return 1.0;
+        }
+        let rising = points.windows(2).all(|pair| pair[0] <= pair[1]);
+        if rising || points.windows(2).all(|pair| pair[0] >= pair[1]) {
+            let share = (self.solve(high, 0.0) - self.solve(low, 0.0)).abs();
+            return (share + 2.0 * ROOT_TOLERANCE).min(1.0);
+        }
+        if halvings == 0 {
+            return 1.0;
+        }
+        let part = |from, to| self.part(from, to).share_between([low, high], halvings - 1);
+        0.5 * (part(0.0, 0.5) + part(0.5, 1.0))
     }
 
     /// Where the function, monotone over [`from`, 1], takes `value`, which must lie between its

@@ -10,24 +10,55 @@ pub struct RayState {
     pub radiance: [f64; 3],
     /// The share of light from behind that still reaches the eye.
     pub transmittance: f64,
+    /// Depths (code length along the view from the eye) from which on the transmittance is below
+    /// ¼, ¹⁄₁₆, …: what is known of the way behind when bricks beside it are met later.
+    marks: [f64; MARKS],
 }
+
+const MARKS: usize = 8;
+const MARK_FACTOR: f64 = 0.25;
 
 impl Default for RayState {
     fn default() -> Self {
-        Self { radiance: [0.0; 3], transmittance: 1.0 }
+        Self { radiance: [0.0; 3], transmittance: 1.0, marks: [f64::INFINITY; MARKS] }
     }
 }
 
 impl RayState {
-    /// Whether nothing that lies behind can change the picture any more, where that adds at most
-    /// `radiance` before it is absorbed.
+    /// Whether what lies behind may be left out.
     #[inline]
-    pub fn is_done(&self, radiance: f64) -> bool {
-        if self.transmittance >= NEGLIGIBLE {
+    pub fn is_done(&self, ending: &Ending) -> bool {
+        if self.transmittance >= ending.transmittance {
             return false;
         }
         let largest = self.radiance[0].max(self.radiance[1]).max(self.radiance[2]);
-        self.transmittance * radiance <= NEGLIGIBLE * largest || self.transmittance == 0.0
+        let behind = self.transmittance * ending.brightest;
+        let nothing = self.transmittance < NEGLIGIBLE && behind <= NEGLIGIBLE * largest;
+        nothing || behind.max(self.transmittance) <= ending.allowed || self.transmittance == 0.0
+    }
+
+    /// The ray has come to `depth`.
+    #[inline]
+    pub(super) fn mark(&mut self, depth: f64) {
+        let mut threshold = MARK_FACTOR;
+        for mark in &mut self.marks {
+            if self.transmittance >= threshold {
+                return;
+            }
+            *mark = mark.min(depth);
+            threshold *= MARK_FACTOR;
+        }
+    }
+
+    /// An upper bound of the transmittance at `depth` and beyond.
+    pub(super) fn transmittance_at(&self, depth: f64) -> f64 {
+        let passed = self.marks.iter().take_while(|mark| **mark <= depth).count();
+        MARK_FACTOR.powi(i32::try_from(passed).unwrap_or(0))
+    }
+
+    /// The largest channel of the light gathered.
+    pub(super) fn light(&self) -> f64 {
+        self.radiance[0].max(self.radiance[1]).max(self.radiance[2])
     }
 
     /// Light that passes through a stretch of constant `extinction` and `emission` (1 / code
@@ -73,15 +104,23 @@ pub(super) fn mean_series(depth: f64) -> f64 {
     TERMS.iter().rev().fold(0.0, |sum, term| sum * depth + term)
 }
 
-/// How far integration along a ray may be off.
+/// Where a ray may end.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Accuracy {
-    /// Largest error relative to the ray's own radiance; 0: converged to rounding's reach. From
-    /// 1e-4 on, the 256 entries of a named colour map are no longer integrated one by one.
-    pub relative: f64,
-    /// Longest way that light from behind may come, code length: a ray ends early only where no
-    /// emission over that length would be seen.
-    pub longest_path: f64,
+pub struct Ending {
+    /// Most light that can come from behind any place, before it is absorbed.
+    pub brightest: f64,
+    /// How much of light and opacity may be lost, in the picture's own unit.
+    pub allowed: f64,
+    /// No ray ends with more transmittance than this.
+    pub transmittance: f64,
+}
+
+impl Ending {
+    /// An end where at most `allowed` is lost; 0: where no f32 shows it.
+    pub fn new(brightest: f64, allowed: f64) -> Self {
+        let transmittance = NEGLIGIBLE.max(allowed / brightest.max(1.0));
+        Self { brightest, allowed, transmittance }
+    }
 }
 
 #[cfg(test)]
@@ -124,9 +163,18 @@ mod tests {
 
     #[test]
     fn a_ray_is_done_only_when_nothing_bright_can_follow() {
-        let state = RayState { radiance: [1.0, 0.0, 0.0], transmittance: 1e-12 };
-        assert!(state.is_done(10.0));
-        assert!(!state.is_done(1e10));
-        assert!(!RayState { transmittance: 1e-8, ..state }.is_done(0.0));
+        let state = RayState { radiance: [1.0, 0.0, 0.0], transmittance: 1e-12, ..RayState::default() };
+        assert!(state.is_done(&Ending::new(10.0, 0.0)));
+        assert!(!state.is_done(&Ending::new(1e10, 0.0)));
+        assert!(!RayState { transmittance: 1e-8, ..state }.is_done(&Ending::new(0.0, 0.0)));
+    }
+
+    #[test]
+    fn a_ray_may_end_where_little_can_follow() {
+        let state = RayState { transmittance: 1e-3, ..RayState::default() };
+        assert!(state.is_done(&Ending::new(2.0, 2e-3)));
+        assert!(!state.is_done(&Ending::new(2.0, 1.9e-3)), "light");
+        assert!(!state.is_done(&Ending::new(0.0, 0.9e-3)), "opacity");
+        assert!(!state.is_done(&Ending::new(f64::INFINITY, 1.0)));
     }
 }

@@ -1,32 +1,33 @@
-//! The picture's rays: n×n in every pixel, counted in one grid over the whole picture.
+//! The picture's pixels, divided into tiles, and the squares of the picture that rays stand for.
 
 use std::ops::Range;
+
+use glam::DVec2;
 
 use super::frame::Footprint;
 use super::view::View;
 use crate::scene::Samples;
 
-/// Most rays along a tile's edge.
+/// Most rays that are marched together.
+pub const BATCH_RAYS: usize = 4096;
+/// Most pixels along a tile's edge.
 pub const TILE_SIDE: u32 = 64;
-/// Rays per pixel and axis for `samples = "area"`: a fixed grid, until the rays are chosen from
-/// a bound of the error.
-const AREA_RAYS: u32 = 3;
 /// Rows of tiles that are worked through together, column by column: neighbours in the picture
 /// share bricks.
 const STRIP_ROWS: u32 = 8;
-/// Rays this much outside a footprint count as inside, in rays: far more than rounding.
+/// Pixels this much outside a footprint count as inside: far more than rounding.
 const SLACK: f64 = 1e-3;
 
-/// A half-open rectangle of rays: `lo <= ray < hi` along x and y.
+/// A half-open rectangle of pixels: `lo <= pixel < hi` along x and y.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct RayRect {
+pub struct PixelRect {
     /// First column and row.
     pub lo: [u32; 2],
     /// One past the last column and row.
     pub hi: [u32; 2],
 }
 
-impl RayRect {
+impl PixelRect {
     /// What both hold.
     pub fn intersection(&self, other: &Self) -> Self {
         Self {
@@ -35,7 +36,7 @@ impl RayRect {
         }
     }
 
-    /// Whether no ray lies inside.
+    /// Whether no pixel lies inside.
     pub fn is_empty(&self) -> bool {
         self.lo[0] >= self.hi[0] || self.lo[1] >= self.hi[1]
     }
@@ -49,71 +50,160 @@ impl RayRect {
     pub fn rows(&self) -> Range<u32> {
         self.lo[1]..self.hi[1]
     }
+
+    /// Number of pixels.
+    pub fn count(&self) -> usize {
+        if self.is_empty() { 0 } else { self.columns().len() * self.rows().len() }
+    }
 }
 
-/// All rays of a picture, and their division into tiles of whole pixels.
+/// A square of a pixel, as large as the pixel halved `halvings` times, and the ray through its
+/// centre; without area only the ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Square {
+    /// The centre, pixels from the picture's left and upper edge.
+    pub centre: [f64; 2],
+    /// The pixel's number in its tile, row by row.
+    pub pixel: u16,
+    /// Halvings; the square is `2^-halvings` of a pixel wide.
+    pub halvings: u8,
+}
+
+impl Square {
+    /// The square's part of its pixel.
+    pub fn weight(&self) -> f64 {
+        (-2.0 * f64::from(self.halvings)).exp2()
+    }
+
+    /// Half its width, pixels.
+    pub fn half(&self) -> f64 {
+        (-1.0 - f64::from(self.halvings)).exp2()
+    }
+
+    /// Its four quarters.
+    pub fn quarters(&self) -> [Self; 4] {
+        let quarter = 0.5 * self.half();
+        std::array::from_fn(|n| {
+            let side = |a: usize| if n >> a & 1 == 1 { quarter } else { -quarter };
+            Self {
+                centre: [self.centre[0] + side(0), self.centre[1] + side(1)],
+                halvings: self.halvings.saturating_add(1),
+                ..*self
+            }
+        })
+    }
+}
+
+/// All pixels of a picture, divided into tiles, and the rays that begin each.
 #[derive(Debug, Clone)]
-pub struct RayGrid {
+pub struct PixelGrid {
     view: View,
-    per_axis: u32,
-    size: [u32; 2],
+    samples: Samples,
     /// Edge of a tile, pixels.
     tile: u32,
 }
 
-impl RayGrid {
-    /// The rays that `samples` asks for.
+impl PixelGrid {
+    /// The pixels of `view`, with the rays that `samples` asks for.
     pub fn new(view: &View, samples: Samples) -> Self {
         let per_axis = match samples {
-            Samples::Area => AREA_RAYS,
+            Samples::Area => 1,
             Samples::Grid(n) => n.clamp(1, TILE_SIDE),
         };
-        let size = [view.width() * per_axis, view.height() * per_axis];
-        Self { view: view.clone(), per_axis, size, tile: (TILE_SIDE / per_axis).max(1) }
+        Self { view: view.clone(), samples, tile: (TILE_SIDE / per_axis).max(1) }
     }
 
-    /// Rays per pixel and axis.
-    pub fn per_axis(&self) -> u32 {
-        self.per_axis
+    /// The camera.
+    pub fn view(&self) -> &View {
+        &self.view
     }
 
-    /// All rays.
-    pub fn whole(&self) -> RayRect {
-        RayRect { lo: [0; 2], hi: self.size }
+    /// Whether rays stand for squares of the picture, and not for themselves.
+    pub fn has_area(&self) -> bool {
+        self.samples == Samples::Area
     }
 
-    /// P of the rays of column `x`.
-    pub fn column(&self, x: u32) -> f64 {
-        self.view.plane(self.pixels(x), 0.0).x
+    /// Rays with which each pixel begins, per axis.
+    fn per_axis(&self) -> u32 {
+        match self.samples {
+            Samples::Area => 1,
+            Samples::Grid(n) => n.clamp(1, TILE_SIDE),
+        }
     }
 
-    /// Q of the rays of row `y`.
-    pub fn row(&self, y: u32) -> f64 {
-        self.view.plane(0.0, self.pixels(y)).y
+    /// What a ray's radiance counts for in its pixel.
+    pub fn weight(&self, square: &Square) -> f64 {
+        match self.samples {
+            Samples::Area => square.weight(),
+            Samples::Grid(_) => f64::from(self.per_axis().pow(2)).recip(),
+        }
     }
 
-    /// Where ray `ray` lies along an axis, pixels: i + (a + ½)/n.
-    fn pixels(&self, ray: u32) -> f64 {
-        let within = f64::from(ray % self.per_axis) + 0.5;
-        f64::from(ray / self.per_axis) + within / f64::from(self.per_axis)
+    /// All pixels.
+    pub fn whole(&self) -> PixelRect {
+        PixelRect { lo: [0; 2], hi: [self.view.width(), self.view.height()] }
     }
 
-    /// The rays that may meet what has this footprint.
-    pub fn seen(&self, footprint: &Footprint) -> RayRect {
+    /// (P, Q) of a square's centre.
+    pub fn plane(&self, square: &Square) -> DVec2 {
+        self.view.plane(square.centre[0], square.centre[1])
+    }
+
+    /// Half the square's width in P and Q; 0 for rays that stand for themselves.
+    pub fn half(&self, square: &Square) -> DVec2 {
+        match self.samples {
+            Samples::Area => self.pixel_size() * square.half(),
+            Samples::Grid(_) => DVec2::ZERO,
+        }
+    }
+
+    /// Width and height of a pixel in P and Q.
+    fn pixel_size(&self) -> DVec2 {
+        (self.view.plane(1.0, 1.0) - self.view.plane(0.0, 0.0)).abs()
+    }
+
+    /// The rays with which the pixels of `rect` begin, pixel by pixel, row by row.
+    pub fn first_squares(&self, rect: &PixelRect, squares: &mut Vec<Square>) {
+        let n = self.per_axis();
+        squares.clear();
+        for y in rect.rows() {
+            for x in rect.columns() {
+                let number = (y - rect.lo[1]) * (rect.hi[0] - rect.lo[0]) + (x - rect.lo[0]);
+                let pixel = u16::try_from(number).unwrap_or(u16::MAX);
+                for ray in 0..n * n {
+                    let within = [ray % n, ray / n].map(|i| (f64::from(i) + 0.5) / f64::from(n));
+                    let centre = [f64::from(x) + within[0], f64::from(y) + within[1]];
+                    squares.push(Square { centre, pixel, halvings: 0 });
+                }
+            }
+        }
+    }
+
+    /// The pixels that what has this footprint may be seen in.
+    pub fn seen(&self, footprint: &Footprint) -> PixelRect {
         let origin = self.view.plane(0.0, 0.0);
-        let step = (self.view.plane(1.0, 1.0) - origin) / f64::from(self.per_axis);
+        let step = self.view.plane(1.0, 1.0) - origin;
         // Rows run against Q.
         let low = [footprint.plane_lo.x, footprint.plane_hi.y];
         let high = [footprint.plane_hi.x, footprint.plane_lo.y];
-        let ray = |plane: f64, a: usize| (plane - origin[a]) / step[a] - 0.5;
+        let pixel = |plane: f64, a: usize| (plane - origin[a]) / step[a];
+        let size = self.whole().hi;
         // `max` and `min` pass over NaN, and the casts saturate: what cannot be bounded is all.
-        RayRect {
-            lo: std::array::from_fn(|a| (ray(low[a], a) - SLACK).ceil().max(0.0) as u32),
+        PixelRect {
+            lo: std::array::from_fn(|a| (pixel(low[a], a) - SLACK).floor().max(0.0) as u32),
             hi: std::array::from_fn(|a| {
-                let last = (ray(high[a], a) + SLACK).floor();
-                (last + 1.0).min(f64::from(self.size[a])) as u32
+                let last = (pixel(high[a], a) + SLACK).floor();
+                (last + 1.0).min(f64::from(size[a])) as u32
             }),
         }
+    }
+
+    /// The part of a pixel that what has this footprint covers, at most.
+    pub fn covered(&self, footprint: &Footprint) -> f64 {
+        let size = self.pixel_size();
+        let part = (footprint.plane_hi - footprint.plane_lo) / size;
+        let part = part.x.min(1.0) * part.y.min(1.0);
+        if part.is_nan() { 1.0 } else { part.clamp(0.0, 1.0) }
     }
 
     /// Number of tiles.
@@ -122,18 +212,19 @@ impl RayGrid {
         u64::from(columns) * u64::from(rows)
     }
 
-    /// The rays of tile `index`.
-    pub fn tile(&self, index: u64) -> RayRect {
+    /// The pixels of tile `index`.
+    pub fn tile(&self, index: u64) -> PixelRect {
         let [columns, rows] = self.tile_counts().map(u64::from);
         let strip = index / (columns * u64::from(STRIP_ROWS));
         let first_row = strip * u64::from(STRIP_ROWS);
         let strip_rows = rows.saturating_sub(first_row).clamp(1, u64::from(STRIP_ROWS));
         let within = index - first_row * columns;
         let at = [within / strip_rows, first_row + within % strip_rows];
-        let rays = self.tile * self.per_axis;
-        let lo = at.map(|tile| u32::try_from(tile).unwrap_or(u32::MAX).saturating_mul(rays));
-        let hi = std::array::from_fn(|a| lo[a].saturating_add(rays).min(self.size[a]));
-        RayRect { lo, hi }
+        let size = self.whole().hi;
+        let lo = at
+            .map(|tile| u32::try_from(tile).unwrap_or(u32::MAX).saturating_mul(self.tile));
+        let hi = std::array::from_fn(|a| lo[a].saturating_add(self.tile).min(size[a]));
+        PixelRect { lo, hi }
     }
 
     fn tile_counts(&self) -> [u32; 2] {
@@ -143,25 +234,23 @@ impl RayGrid {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec2;
-
     use super::*;
     use crate::render::test_scene::{scene, view};
 
     #[test]
-    fn tiles_cover_every_ray_once() {
+    fn tiles_cover_every_pixel_once() {
         for (samples, width, height) in
             [("1", 200, 700), ("3", 65, 22), ("64", 5, 9), ("40", 3, 2), ("\"area\"", 130, 1)]
         {
             let scene = scene(&format!("samples = {samples}"), width, height);
-            let grid = RayGrid::new(&view(&scene), scene.render.samples);
-            let whole = grid.whole();
-            let mut seen = vec![0u8; (whole.hi[0] * whole.hi[1]) as usize];
+            let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+            let mut seen = vec![0u8; (width * height) as usize];
+            let mut squares = Vec::new();
             for tile in (0..grid.tiles()).map(|index| grid.tile(index)) {
-                assert!(!tile.is_empty() && tile.columns().len() <= 64 && tile.rows().len() <= 64);
-                assert!(tile.lo.iter().all(|first| first % grid.per_axis() == 0));
+                grid.first_squares(&tile, &mut squares);
+                assert!(!tile.is_empty() && squares.len() <= BATCH_RAYS);
                 for (x, y) in tile.columns().flat_map(|x| tile.rows().map(move |y| (x, y))) {
-                    seen[(y * whole.hi[0] + x) as usize] += 1;
+                    seen[(y * width + x) as usize] += 1;
                 }
             }
             assert!(seen.iter().all(|&count| count == 1), "{samples}");
@@ -169,25 +258,47 @@ mod tests {
     }
 
     #[test]
-    fn a_footprint_holds_the_rays_between_its_edges() {
+    fn rays_lie_where_the_contract_says() {
         let scene = scene("samples = 2", 30, 20);
-        let grid = RayGrid::new(&view(&scene), scene.render.samples);
-        let between = |x: [u32; 2], y: [u32; 2], nudge: f64| {
-            let step = DVec2::new(grid.column(1) - grid.column(0), grid.row(0) - grid.row(1));
+        let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+        let mut squares = Vec::new();
+        grid.first_squares(&PixelRect { lo: [3, 5], hi: [5, 6] }, &mut squares);
+        let centres: Vec<_> = squares.iter().map(|square| square.centre).collect();
+        assert_eq!(centres[..3], [[3.25, 5.25], [3.75, 5.25], [3.25, 5.75]]);
+        assert_eq!((centres[4], squares[4].pixel), ([4.25, 5.25], 1));
+        assert!(squares.iter().all(|square| grid.weight(square) == 0.25));
+    }
+
+    #[test]
+    fn quarters_make_a_square() {
+        let square = Square { centre: [2.5, 7.5], pixel: 9, halvings: 0 };
+        let mut all = square.quarters().to_vec();
+        all.extend(all.clone()[1].quarters());
+        all.remove(1);
+        assert!((all.iter().map(Square::weight).sum::<f64>() - 1.0).abs() < 1e-15);
+        let mean = all.iter().map(|s| s.centre[0] * s.weight()).sum::<f64>();
+        assert_eq!(mean, 2.5);
+        assert!(all.iter().all(|s| (s.centre[1] - 7.5).abs() + s.half() <= 0.5));
+    }
+
+    #[test]
+    fn a_footprint_holds_the_pixels_that_it_meets() {
+        let scene = scene("samples = 2", 30, 20);
+        let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+        let between = |x: [f64; 2], y: [f64; 2]| {
+            let view = grid.view();
             grid.seen(&Footprint {
-                plane_lo: DVec2::new(grid.column(x[0]), grid.row(y[1])) - step * nudge,
-                plane_hi: DVec2::new(grid.column(x[1]), grid.row(y[0])) + step * nudge,
+                plane_lo: view.plane(x[0], y[1]),
+                plane_hi: view.plane(x[1], y[0]),
                 depth_lo: 0.0,
                 depth_hi: 1.0,
             })
         };
-        let expected = RayRect { lo: [3, 7], hi: [18, 31] };
-        for nudge in [0.0, 0.9, -0.0005] {
-            assert_eq!(between([3, 17], [7, 30], nudge), expected);
-        }
-        assert_eq!(between([3, 17], [7, 30], -0.1), RayRect { lo: [4, 8], hi: [17, 30] });
-        assert!(between([5, 5], [5, 5], -0.1).is_empty());
-        assert_eq!(between([3, 17], [7, 30], f64::NAN), grid.whole());
-        assert_eq!(between([3, 17], [7, 30], 1e300), grid.whole());
+        let expected = PixelRect { lo: [3, 7], hi: [18, 20] };
+        assert_eq!(between([3.1, 17.9], [7.5, 19.9]), expected);
+        assert_eq!(between([3.01, 17.01], [7.01, 40.0]), expected);
+        assert_eq!(between([2.999, 17.9], [7.5, 19.9]).lo, [2, 7]);
+        assert!(between([31.0, 32.0], [5.0, 5.1]).is_empty());
+        assert_eq!(between([f64::NAN, f64::NAN], [-1e300, 1e300]), grid.whole());
     }
 }

@@ -1,6 +1,8 @@
 //! A brick made ready to march through: mapped values, ghosts and holes filled.
 
 use super::fill::{Above, fill_holes, fill_outside};
+use super::relief::{Distance, Relief};
+use super::transfer_pieces::PieceList;
 use crate::cache::{Block, BrickPlace, BrickShape, Header, RawBrick, state};
 use crate::scene::Interpolation;
 use crate::space::MAX_OCTREE_LEVEL;
@@ -73,6 +75,8 @@ pub struct ScaledBrick {
     pub(super) used: usize,
     /// [`dual`] of the (edge + 1)³ dual cells, x fastest; empty where all are plain.
     pub(super) duals: Vec<u8>,
+    /// How far values differ near any place; empty where no one asks.
+    pub(super) relief: Relief,
     /// Whether `prepare` was asked for `cell`.
     is_piecewise_constant: bool,
 }
@@ -86,7 +90,8 @@ impl ScaledBrick {
     /// Most heap bytes that a brick of `shape` with `blocks` blocks takes.
     pub fn bytes(shape: BrickShape, blocks: usize) -> u64 {
         let heads = blocks.max(4).next_power_of_two() * size_of::<ScaledBlock>();
-        (9 * shape.cells_in_blocks(blocks) + (shape.edge() + 1).pow(3) + heads) as u64
+        let values = (9 * shape.cells_in_blocks(blocks) + (shape.edge() + 1).pow(3) + heads) as u64;
+        values + Relief::bytes(shape.edge())
     }
 
     /// Fills the brick from `raw`, the payload of the brick at `place`; `mapping` takes stored
@@ -107,11 +112,19 @@ impl ScaledBrick {
         self.edge_bits = self.edge.trailing_zeros();
         self.is_piecewise_constant = interpolation == Interpolation::Cell;
         self.duals.clear();
+        self.relief.clear();
         match interpolation {
             Interpolation::Cell => self.load_cells(raw, mapping),
             Interpolation::Linear => self.load_linear(raw, place, header, mapping),
         }
         Ok(())
+    }
+
+    /// Finds out how far values differ near any place of the brick, which is prepared.
+    pub(super) fn survey(&mut self, pieces: &PieceList, distance: &Distance) {
+        let mut relief = std::mem::take(&mut self.relief);
+        relief.fill(self, pieces, distance);
+        self.relief = relief;
     }
 
     /// Whether the values are constant in each cell, as in `cell`.

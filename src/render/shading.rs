@@ -1,6 +1,7 @@
 //! From stored values to light: the scene's volume over one field of the cache.
 
-use crate::cache::{CachedField, Header};
+use super::relief::Distance;
+use crate::cache::{CachedField, FieldRecord, Header, NodeRecord};
 use crate::scene::{FieldExtrema, Interpolation, Mapping, TransferFunction, Units, VolumeSettings};
 use crate::{Error, Result};
 
@@ -16,7 +17,12 @@ pub struct Shading {
     mapping: Mapping,
     /// A field value is this times the stored one.
     factor: f64,
+    /// Largest relative error of a stored value against the source's.
+    relative_error: f64,
 }
+
+/// Rounding to f32, relative.
+const F32_ROUNDING: f64 = 6e-8;
 
 impl Shading {
     /// Looks the volume's field up in the cache, without regard to case.
@@ -45,7 +51,40 @@ impl Shading {
             transfer: TransferFunction::new(volume),
             mapping: Mapping::new(volume.scale, volume.range, extrema, to_units)?,
             factor: f64::from(cached.exponent).exp2(),
+            relative_error: cached.relative_error + F32_ROUNDING,
         })
+    }
+
+    /// How far what a brick draws may be from the truth.
+    pub(super) fn distance(&self, record: &NodeRecord, field: &FieldRecord) -> Distance {
+        let residual = match (record.descendants, self.interpolation) {
+            (0, _) => 0.0,
+            // Residuals are those of the interpolant.
+            (_, Interpolation::Cell) => f64::INFINITY,
+            (_, Interpolation::Linear) => {
+                let [linear, log10] = [field.residual_linear, field.residual_log10].map(f64::from);
+                self.mapping.distance(linear, log10)
+            }
+        };
+        let largest = f64::from(field.tree[0].abs().max(field.tree[1].abs())) * self.factor;
+        let largest = if field.tree[0] > field.tree[1] { 0.0 } else { largest };
+        Distance {
+            residual,
+            child_mask: record.child_mask,
+            tree: self.range(field),
+            storage: self.mapping.relative_distance(self.relative_error, largest),
+        }
+    }
+
+    /// What x can be in a brick's box at any level.
+    pub(super) fn range(&self, field: &FieldRecord) -> [f64; 2] {
+        let [low, high] = field.tree;
+        let nan = if field.has_nan(false) { self.map(f32::NAN) } else { f64::NAN };
+        if low > high {
+            return [nan.max(0.0), nan.max(0.0)];
+        }
+        // `min` and `max` pass over NaN.
+        [self.map(low).min(nan), self.map(high).max(nan)]
     }
 
     /// The transfer function's x of a stored value, unclamped.

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::census::Census;
+use super::ray_error::ErrorShares;
 use crate::cache::{Header, TreeLevel};
 use crate::paging::Counters;
 
@@ -73,8 +74,13 @@ pub struct Stats {
     /// The largest error of any channel that was asked for, in the picture's own unit: a
     /// relative one times the picture's largest channel value.
     pub tolerance: f64,
-    /// The certified bound of the largest error; null as long as there is no certificate.
+    /// Rays marched.
+    pub rays: u64,
+    /// The certified bound of the largest error of any channel of any pixel, in the picture's own
+    /// unit; null for settings by hand.
     pub error_bound: Option<f64>,
+    /// What the bound of the worst pixel is made of.
+    pub error_shares: Option<ErrorShares>,
     /// Threads that march.
     pub threads: usize,
 }

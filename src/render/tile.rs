@@ -1,149 +1,206 @@
-//! A tile: the rays that walk the tree together, and what they have gathered.
+//! A batch of rays that walk the tree together, and what they have gathered.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
+use super::frame::{Footprint, Frame, LocalRay};
 use super::interpolant::DrawnNeighbours;
-use super::march::march;
-use super::ray_state::{Accuracy, RayState};
-use super::rays::{RayGrid, RayRect, TILE_SIDE};
+use super::march::{Beam, Light, Passage, march};
+use super::ray_error::{ErrorShares, RayError};
+use super::ray_state::RayState;
+use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
 use super::scaled::ScaledBrick;
-use super::transfer_pieces::TransferPieces;
 use super::tree_walk::Step;
 
-const SIDE: usize = TILE_SIDE as usize;
+/// How many rays are looked at one by one for the brightest that still needs light.
+const FEW_RAYS: usize = 64;
 
-/// What the march of all tiles needs.
+/// Up to [`BATCH_RAYS`] rays through pixels of one rectangle. The memory is reused from batch to
+/// batch.
 #[derive(Debug)]
-pub struct Light {
-    /// The transfer function.
-    pub pieces: TransferPieces,
-    /// How exact the march is.
-    pub accuracy: Accuracy,
-}
-
-/// Up to 64×64 rays. The memory is reused from tile to tile.
-#[derive(Debug)]
-pub struct Tile {
-    rect: RayRect,
-    columns: Vec<f64>,
-    rows: Vec<f64>,
+pub(super) struct Tile {
+    rect: PixelRect,
+    /// The squares, pixel by pixel.
+    squares: Vec<Square>,
+    /// Where their centres are on the image plane, and half their width there.
+    planes: Vec<[DVec2; 2]>,
     states: Vec<RayState>,
-    /// A row's rays that need more: bit = column.
-    alive: [u64; SIDE],
-    pixels: Vec<[f32; 4]>,
+    errors: Vec<RayError>,
+    /// Which squares need more: one bit each.
+    alive: Vec<u64>,
+    /// Where each pixel's squares begin, and one more.
+    starts: Vec<u16>,
 }
 
 impl Tile {
     /// Most bytes that a tile takes.
-    pub const BYTES: u64 =
-        (SIDE * SIDE * (size_of::<RayState>() + size_of::<[f32; 4]>()) + 4 * SIDE * 8) as u64;
+    pub(super) const BYTES: u64 = (BATCH_RAYS
+        * (size_of::<Square>()
+            + size_of::<[DVec2; 2]>()
+            + size_of::<RayState>()
+            + size_of::<RayError>()
+            + 4)) as u64;
 
     /// A tile without rays.
-    pub fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self {
-            rect: RayRect { lo: [0; 2], hi: [0; 2] },
-            columns: Vec::with_capacity(SIDE),
-            rows: Vec::with_capacity(SIDE),
-            states: Vec::with_capacity(SIDE * SIDE),
-            alive: [0; SIDE],
-            pixels: Vec::with_capacity(SIDE * SIDE),
+            rect: PixelRect { lo: [0; 2], hi: [0; 2] },
+            squares: Vec::with_capacity(BATCH_RAYS),
+            planes: Vec::with_capacity(BATCH_RAYS),
+            states: Vec::with_capacity(BATCH_RAYS),
+            errors: Vec::with_capacity(BATCH_RAYS),
+            alive: Vec::with_capacity(BATCH_RAYS.div_ceil(64)),
+            starts: Vec::with_capacity(BATCH_RAYS + 1),
         }
     }
 
-    /// Sets the rays of `rect` off: at most 64 along each axis.
-    pub fn start(&mut self, grid: &RayGrid, rect: RayRect) {
+    /// Sets the rays of `squares` off, which lie in pixels of `rect` and are in their order.
+    pub(super) fn start(&mut self, grid: &PixelGrid, rect: PixelRect, squares: &[Square]) {
         self.rect = rect;
-        self.columns.clear();
-        self.columns.extend(rect.columns().map(|x| grid.column(x)));
-        self.rows.clear();
-        self.rows.extend(rect.rows().map(|y| grid.row(y)));
+        self.squares.clear();
+        self.squares.extend_from_slice(squares);
+        self.planes.clear();
+        self.planes.extend(squares.iter().map(|square| [grid.plane(square), grid.half(square)]));
         self.states.clear();
-        self.states.resize(self.columns.len() * self.rows.len(), RayState::default());
-        self.alive = [0; SIDE];
-        self.alive[..self.rows.len()].fill(bits(0, self.columns.len()));
+        self.states.resize(squares.len(), RayState::default());
+        self.errors.clear();
+        self.errors.resize(squares.len(), RayError::default());
+        self.alive.clear();
+        self.alive.resize(squares.len().div_ceil(64), u64::MAX);
+        if let (Some(last), rest @ 1..) = (self.alive.last_mut(), squares.len() % 64) {
+            *last = (1 << rest) - 1;
+        }
+        self.starts.clear();
+        for (index, square) in squares.iter().enumerate() {
+            let first = u16::try_from(index).unwrap_or(u16::MAX);
+            while self.starts.len() <= usize::from(square.pixel) {
+                self.starts.push(first);
+            }
+        }
+        let end = u16::try_from(squares.len()).unwrap_or(u16::MAX);
+        self.starts.resize(rect.count() + 1, end);
     }
 
-    /// Whether any ray of `rect`, which lies within the tile, needs more.
-    pub fn needs(&self, rect: &RayRect) -> bool {
-        let mask = self.mask(rect);
-        self.row_range(rect).any(|row| self.alive[row] & mask != 0)
+    /// The squares in columns of `rect`, of one of its rows.
+    fn row(&self, rect: &PixelRect, row: u32) -> std::ops::Range<usize> {
+        let width = self.rect.hi[0] - self.rect.lo[0];
+        let pixel = |x: u32| ((row - self.rect.lo[1]) * width + (x - self.rect.lo[0])) as usize;
+        let start = |pixel: usize| usize::from(self.starts[pixel]);
+        start(pixel(rect.lo[0]))..start(pixel(rect.hi[0]))
     }
 
-    /// Marches the rays of a step through its brick. Returns the number of samples.
-    pub fn draw(
+    /// The first square of `range` that needs more.
+    fn next_alive(&self, range: std::ops::Range<usize>) -> Option<usize> {
+        let mut at = range.start;
+        while at < range.end {
+            let rest = self.alive[at / 64] >> (at % 64);
+            if rest != 0 {
+                let found = at + rest.trailing_zeros() as usize;
+                return (found < range.end).then_some(found);
+            }
+            at = (at / 64 + 1) * 64;
+        }
+        None
+    }
+
+    /// The largest transmittance of rays in `rect` that need more, or 1 where there are many; 0
+    /// where there is none. `rect` lies within the tile.
+    pub(super) fn needs(&self, rect: &PixelRect) -> f64 {
+        let (mut largest, mut seen) = (0.0_f64, 0);
+        for row in rect.rows() {
+            let range = self.row(rect, row);
+            let mut at = range.start;
+            while let Some(index) = self.next_alive(at..range.end) {
+                largest = largest.max(self.states[index].transmittance);
+                seen += 1;
+                if seen > FEW_RAYS {
+                    return 1.0;
+                }
+                at = index + 1;
+            }
+        }
+        largest
+    }
+
+    /// Marches the rays of a step through its brick, keeping accounts if `accounts`. Returns the
+    /// number of samples.
+    pub(super) fn draw(
         &mut self,
         step: &Step,
         brick: &ScaledBrick,
         drawn: DrawnNeighbours,
-        light: &Light,
+        (light, grid): (&Light<'_>, &PixelGrid),
+        accounts: bool,
     ) -> u64 {
-        let mask = self.mask(&step.rays);
-        let brightest = light.pieces.largest_emission() * light.accuracy.longest_path;
+        let passage = Passage { brick, region: step.region, drawn, hides: step.hides };
         let mut samples = 0;
-        for row in self.row_range(&step.rays) {
-            let mut waiting = self.alive[row] & mask;
-            while waiting != 0 {
-                let column = waiting.trailing_zeros() as usize;
-                waiting &= waiting - 1;
-                let ray = step.frame.ray(DVec2::new(self.columns[column], self.rows[row]));
-                let state = &mut self.states[row * self.columns.len() + column];
-                let Light { pieces, accuracy } = light;
-                samples += march(brick, &step.region, drawn, &ray, pieces, accuracy, state);
-                if state.is_done(brightest) {
-                    self.alive[row] &= !(1 << column);
+        for row in step.pixels.rows() {
+            let range = self.row(&step.pixels, row);
+            let mut at = range.start;
+            while let Some(index) = self.next_alive(at..range.end) {
+                at = index + 1;
+                let [plane, half] = self.planes[index];
+                if !meets(&step.footprint, plane, half) {
+                    continue;
+                }
+                let ray = step.frame.ray(plane);
+                let (state, error) = (&mut self.states[index], &mut self.errors[index]);
+                let beam = accounts.then(|| {
+                    let covered = grid.covered(&step.footprint) / grid.weight(&self.squares[index]);
+                    beam(&step.frame, &ray, half, covered)
+                });
+                samples += march(&passage, &ray, light, state, beam.as_ref().map(|b| (error, b)));
+                if state.is_done(&light.ending) {
+                    self.alive[index / 64] &= !(1 << (index % 64));
                 }
             }
         }
         samples
     }
 
-    /// The tile's pixels, row by row: R, G, B, A, each the mean of its rays.
-    pub fn pixels(&mut self, grid: &RayGrid) -> &[[f32; 4]] {
-        let per_axis = grid.per_axis() as usize;
-        let (columns, rows) = (self.columns.len() / per_axis, self.rows.len() / per_axis);
-        self.pixels.clear();
-        for y in 0..rows {
-            for x in 0..columns {
-                let mean = self.mean([x * per_axis, y * per_axis], per_axis);
-                self.pixels.push(mean.map(|channel| channel as f32));
-            }
-        }
-        &self.pixels
-    }
-
-    fn mean(&self, [x, y]: [usize; 2], per_axis: usize) -> [f64; 4] {
-        let mut sum = [0.0; 4];
-        for row in y..y + per_axis {
-            let start = row * self.columns.len() + x;
-            for state in &self.states[start..start + per_axis] {
-                let [r, g, b] = state.radiance;
-                for (sum, value) in sum.iter_mut().zip([r, g, b, 1.0 - state.transmittance]) {
-                    *sum += value;
-                }
-            }
-        }
-        sum.map(|channel| channel / (per_axis * per_axis) as f64)
-    }
-
-    fn mask(&self, rect: &RayRect) -> u64 {
-        bits((rect.lo[0] - self.rect.lo[0]) as usize, rect.columns().len())
-    }
-
-    fn row_range(&self, rect: &RayRect) -> std::ops::Range<usize> {
-        let first = (rect.lo[1] - self.rect.lo[1]) as usize;
-        first..first + rect.rows().len()
+    /// Each square with what its ray has gathered (R, G, B, A) and how far that may be off.
+    pub(super) fn outcome<'t>(
+        &'t self,
+        light: &'t Light<'_>,
+    ) -> impl Iterator<Item = (Square, [f64; 4], ErrorShares)> + 't {
+        let rays = self.squares.iter().zip(&self.states).zip(&self.errors);
+        rays.map(|((square, state), error)| {
+            let [r, g, b] = state.radiance;
+            let ending = &light.ending;
+            let rest = if state.is_done(ending) { ending.brightest } else { 0.0 };
+            let shares =
+                error.shares(state.light(), state.transmittance, ending.brightest, rest);
+            (*square, [r, g, b, 1.0 - state.transmittance], shares)
+        })
     }
 }
 
-impl Default for Tile {
-    fn default() -> Self {
-        Self::new()
-    }
+/// Whether rays of the square at `plane` can meet what has this footprint.
+fn meets(footprint: &Footprint, plane: DVec2, half: DVec2) -> bool {
+    let (lo, hi) = (plane - half, plane + half);
+    hi.x >= footprint.plane_lo.x
+        && lo.x <= footprint.plane_hi.x
+        && hi.y >= footprint.plane_lo.y
+        && lo.y <= footprint.plane_hi.y
 }
 
-/// `count` bits from bit `first` on; at most 64 in all.
-fn bits(first: usize, count: usize) -> u64 {
-    if count == 0 { 0 } else { (u64::MAX >> (SIDE - count)) << first }
+/// The square of half width `half` around `ray` as a brick sees it. In a perspective view the
+/// distance from the eye is what a square's rays have in common, so they are displaced by the
+/// change of the unit direction.
+fn beam(frame: &Frame, ray: &LocalRay, half: DVec2, covered: f64) -> Beam {
+    let width = frame.cell_width;
+    let direction = ray.direction * width / ray.length;
+    let across = |axis: DVec3| axis - direction * direction.dot(axis);
+    let spread = across(frame.basis.right).abs() * half.x + across(frame.basis.up).abs() * half.y;
+    let angle = if frame.is_perspective { half.length() / ray.length } else { 0.0 };
+    // 1 + 2·angle: directions bend a little more than their first derivative says.
+    let spread = spread / width * (1.0 + 2.0 * angle);
+    Beam {
+        spread: spread.to_array(),
+        angle,
+        advance: ((direction.abs() + angle) * width).to_array(),
+        depth: frame.depth,
+        covered,
+    }
 }
 
 #[cfg(test)]
@@ -151,39 +208,29 @@ mod tests {
     use super::*;
     use crate::render::test_scene::{scene, view};
 
-    fn rect(x: [u32; 2], y: [u32; 2]) -> RayRect {
-        RayRect { lo: [x[0], y[0]], hi: [x[1], y[1]] }
+    fn rect(x: [u32; 2], y: [u32; 2]) -> PixelRect {
+        PixelRect { lo: [x[0], y[0]], hi: [x[1], y[1]] }
     }
 
     #[test]
     fn rays_are_needed_until_they_are_done() {
         let scene = scene("samples = 1", 130, 70);
-        let grid = RayGrid::new(&view(&scene), scene.render.samples);
-        let mut tile = Tile::new();
-        tile.start(&grid, rect([64, 128], [64, 70]));
-        assert!(tile.needs(&rect([64, 65], [64, 65])) && tile.needs(&rect([127, 128], [69, 70])));
+        let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+        let (mut tile, mut squares) = (Tile::new(), Vec::new());
+        let whole = rect([64, 128], [64, 70]);
+        grid.first_squares(&whole, &mut squares);
+        tile.start(&grid, whole, &squares);
+        assert_eq!(tile.needs(&rect([64, 65], [64, 65])), 1.0);
+        assert_eq!(tile.needs(&rect([127, 128], [69, 70])), 1.0);
         tile.alive[2] = 1 << 63;
-        assert!(tile.needs(&rect([100, 128], [66, 67])));
-        assert!(!tile.needs(&rect([64, 127], [66, 67])));
-        assert!(tile.needs(&rect([64, 127], [65, 67])));
-        tile.start(&grid, rect([128, 130], [64, 70]));
-        assert_eq!(tile.alive[..7], [3, 3, 3, 3, 3, 3, 0]);
-    }
-
-    #[test]
-    fn a_pixel_is_the_mean_of_its_rays() {
-        let scene = scene("samples = 2", 4, 3);
-        let grid = RayGrid::new(&view(&scene), scene.render.samples);
-        let mut tile = Tile::new();
-        tile.start(&grid, grid.whole());
-        for (n, state) in tile.states.iter_mut().enumerate() {
-            state.radiance = [n as f64, 1.0, 0.0];
-            state.transmittance = if n == 11 { 0.0 } else { 1.0 };
-        }
-        let pixels = tile.pixels(&grid);
-        assert_eq!(pixels.len(), 12);
-        // Pixel (1, 0): rays 2, 3 of rows 0 and 1, 8 rays a row.
-        assert_eq!(pixels[1], [6.5, 1.0, 0.0, 0.25]);
-        assert_eq!(pixels[11], [(38.0 + 39.0 + 46.0 + 47.0) / 4.0, 1.0, 0.0, 0.0]);
+        tile.states[2 * 64 + 63].transmittance = 0.25;
+        assert_eq!(tile.needs(&rect([100, 128], [66, 67])), 0.25);
+        assert_eq!(tile.needs(&rect([64, 127], [66, 67])), 0.0);
+        assert_eq!(tile.needs(&rect([64, 127], [65, 67])), 1.0);
+        squares.retain(|square| square.pixel % 64 == 5);
+        tile.start(&grid, whole, &squares);
+        assert_eq!(tile.needs(&rect([64, 69], [64, 70])), 0.0);
+        assert_eq!(tile.row(&rect([64, 128], [66, 67]), 66), 2..3);
+        assert_eq!(tile.needs(&rect([69, 70], [69, 70])), 1.0);
     }
 }

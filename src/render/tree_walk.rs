@@ -1,12 +1,17 @@
 //! The walk of the tree: which pieces of which bricks are drawn in a window of the picture,
 //! front to back, from index records alone.
 
+use glam::DVec2;
+
 use super::census::{Fate, Tally};
-use super::cut::Cut;
+use super::cut::{Cut, ErrorCut};
 use super::frame::Frame;
 use super::load::BrickRequest;
 use super::march::Region;
-use super::rays::{RayGrid, RayRect};
+use super::relief::Distance;
+use super::transfer_pieces::PieceList;
+use super::frame::Footprint;
+use super::rays::{PixelGrid, PixelRect};
 use super::shading::Shading;
 use super::view::View;
 use crate::cache::{BrickPlace, Cursor, FieldRecord, Header, NodeRecord};
@@ -42,12 +47,12 @@ pub struct Scenery<'r> {
     pub header: &'r Header,
     /// The camera.
     pub view: &'r View,
-    /// The picture's rays.
-    pub rays: &'r RayGrid,
-    /// Where the descent ends.
-    pub cut: &'r Cut,
+    /// The picture's pixels.
+    pub pixels: &'r PixelGrid,
     /// What is transparent.
     pub shading: &'r Shading,
+    /// What the transfer function does over ranges.
+    pub(super) bounds: &'r PieceList,
 }
 
 /// One piece to draw: a brick, or one octant of it.
@@ -59,8 +64,12 @@ pub struct Step {
     pub frame: Frame,
     /// What is drawn of the brick, clipped to the domain.
     pub region: Region,
-    /// The rays that may meet it.
-    pub rays: RayRect,
+    /// The pixels in which it may be seen, and where in them.
+    pub pixels: PixelRect,
+    /// Where it is seen on the image plane.
+    pub footprint: Footprint,
+    /// Whether it is drawn in place of children.
+    pub hides: bool,
     /// Whether no later step draws from this brick.
     pub is_last: bool,
 }
@@ -79,30 +88,37 @@ struct Open {
     fate: Fate,
 }
 
-/// A walk through the window of rays `window`, depth first and front to back. Memory grows with
+/// A walk through the window of pixels `window`, depth first and front to back. Memory grows with
 /// the depth only. The tally hears of every brick in the tree once, on its own or as one of a
 /// subtree.
 pub struct Walk<'r, I, T> {
     scenery: &'r Scenery<'r>,
     index: &'r mut I,
     tally: T,
-    window: RayRect,
+    cut: &'r Cut,
+    window: PixelRect,
     stack: Vec<Open>,
     is_started: bool,
 }
 
 impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
     /// A walk that begins at the root.
-    pub fn new(scenery: &'r Scenery<'r>, index: &'r mut I, tally: T, window: RayRect) -> Self {
-        Self { scenery, index, tally, window, stack: Vec::new(), is_started: false }
+    pub fn new(
+        scenery: &'r Scenery<'r>,
+        index: &'r mut I,
+        tally: T,
+        cut: &'r Cut,
+        window: PixelRect,
+    ) -> Self {
+        Self { scenery, index, tally, cut, window, stack: Vec::new(), is_started: false }
     }
 
     /// The next piece. What lies wholly behind rays that need nothing more is left out: `needed`
-    /// says whether any ray of a rectangle does.
+    /// says how much of the light from behind any ray of a rectangle still lets through.
     ///
     /// # Errors
     /// A damaged index.
-    pub fn next(&mut self, needed: impl Fn(&RayRect) -> bool) -> Result<Option<Step>> {
+    pub fn next(&mut self, needed: impl Fn(&PixelRect) -> f64) -> Result<Option<Step>> {
         if !self.is_started {
             self.is_started = true;
             let root = self.scenery.header.levels.first().map_or(0, |level| level.octree);
@@ -145,7 +161,7 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         &mut self,
         node: u64,
         place: BrickPlace,
-        needed: &impl Fn(&RayRect) -> bool,
+        needed: &impl Fn(&PixelRect) -> f64,
     ) -> Result<Option<Step>> {
         if place.tree_level >= self.scenery.header.levels.len() {
             return Err(Error::invalid(
@@ -158,37 +174,49 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         let subtree = record.descendants.saturating_add(1);
         let edge = self.scenery.header.shape.edge() as f64;
         let frame = self.scenery.frame(&place, None);
-        let rays = self.rays_of(&frame, edge);
-        let skipped = if rays.is_empty() {
-            Some(Fate::OutOfView)
-        } else if self.scenery.is_transparent(&field, false) {
-            Some(Fate::Transparent)
-        } else {
-            (!needed(&rays)).then_some(Fate::Hidden)
+        let seen = frame.footprint(edge).map(|seen| (self.pixels_of(&seen), seen));
+        let Some((pixels, footprint)) = seen.filter(|(pixels, _)| !pixels.is_empty()) else {
+            self.tally.count(Fate::OutOfView, subtree);
+            return Ok(None);
         };
-        if let Some(fate) = skipped {
-            self.tally.count(fate, subtree);
+        if self.scenery.is_transparent(&field, false) {
+            self.tally.count(Fate::Transparent, subtree);
             return Ok(None);
         }
-        let opens = self.scenery.cut.opens(&place);
+        let transmittance = needed(&pixels);
+        if transmittance == 0.0 {
+            self.tally.count(Fate::Hidden, subtree);
+            return Ok(None);
+        }
+        let seen = Seen { frame, pixels, footprint };
+        let opens = record.child_mask != 0 && self.opens(&request, &seen, transmittance);
         if !opens {
             self.tally.count(Fate::Coarser, record.descendants);
+            return Ok(self.draw_whole(request, &seen));
         }
-        let opened = if opens { record.child_mask } else { 0 };
-        if opened == 0 {
-            return Ok(self.draw_whole(request, frame, rays));
-        }
-        self.open(request, frame, opened);
+        self.open(request, frame, record.child_mask);
         Ok(None)
     }
 
-    fn draw_whole(&mut self, request: BrickRequest, frame: Frame, rays: RayRect) -> Option<Step> {
+    fn opens(&self, request: &BrickRequest, seen: &Seen, transmittance: f64) -> bool {
+        match self.cut {
+            Cut::FullDepth => true,
+            Cut::Footprint(cut) => cut.opens(&request.place),
+            Cut::Error(cut) => transmittance * self.scenery.error(request, seen, cut) > cut.limit,
+        }
+    }
+
+    fn draw_whole(&mut self, request: BrickRequest, seen: &Seen) -> Option<Step> {
         let region = self.scenery.region(&request.place, None);
-        let is_transparent = self.scenery.is_transparent(&request.field, true);
+        let hides = request.record.child_mask != 0;
+        // What is transparent itself need not be so beneath, and is counted as an error then.
+        let counts = hides && matches!(self.cut, Cut::Error(_));
+        let is_transparent = !counts && self.scenery.is_transparent(&request.field, true);
         let fate = if is_transparent || region.is_none() { Fate::Transparent } else { Fate::Drawn };
         self.tally.count(fate, 1);
         let region = region.filter(|_| !is_transparent)?;
-        Some(Step { request, frame, region, rays, is_last: true })
+        let Seen { frame, pixels, footprint } = *seen;
+        Some(Step { request, frame, region, pixels, footprint, hides, is_last: true })
     }
 
     fn open(&mut self, request: BrickRequest, frame: Frame, opened: u8) {
@@ -206,11 +234,12 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
     }
 
     /// One of the octants that the node on top of the stack draws itself.
-    fn own_octant(&mut self, octant: u8, needed: &impl Fn(&RayRect) -> bool) -> Option<Step> {
+    fn own_octant(&mut self, octant: u8, needed: &impl Fn(&PixelRect) -> f64) -> Option<Step> {
         let half = self.scenery.header.shape.edge() as f64 / 2.0;
         let place = self.stack.last()?.request.place;
-        let rays = self.rays_of(&self.scenery.frame(&place, Some(octant)), half);
-        if rays.is_empty() {
+        let footprint = self.scenery.frame(&place, Some(octant)).footprint(half)?;
+        let pixels = self.pixels_of(&footprint);
+        if pixels.is_empty() {
             return None;
         }
         let region = self.scenery.region(&place, Some(octant))?;
@@ -218,14 +247,20 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         open.fate = Fate::Drawn;
         let is_last = (open.next..8).all(|n| open.own >> (n ^ open.order) & 1 == 0);
         let (request, frame) = (open.request, open.frame);
-        needed(&rays).then_some(Step { request, frame, region, rays, is_last })
+        let step = Step { request, frame, region, pixels, footprint, hides: false, is_last };
+        (needed(&pixels) > 0.0).then_some(step)
     }
 
-    fn rays_of(&self, frame: &Frame, size_cells: f64) -> RayRect {
-        const NONE: RayRect = RayRect { lo: [0; 2], hi: [0; 2] };
-        let seen = frame.footprint(size_cells);
-        seen.map_or(NONE, |seen| self.scenery.rays.seen(&seen).intersection(&self.window))
+    fn pixels_of(&self, footprint: &Footprint) -> PixelRect {
+        self.scenery.pixels.seen(footprint).intersection(&self.window)
     }
+}
+
+/// A node as the camera sees it.
+struct Seen {
+    frame: Frame,
+    pixels: PixelRect,
+    footprint: Footprint,
 }
 
 impl Scenery<'_> {
@@ -268,7 +303,34 @@ impl Scenery<'_> {
         };
         let axes: [(f64, f64); 3] = std::array::from_fn(bounds);
         let is_inside = axes.iter().all(|(lo, hi)| lo < hi);
-        is_inside.then(|| Region { lo: axes.map(|axis| axis.0), hi: axes.map(|axis| axis.1) })
+        let ends = |a: usize| {
+            let lower = corner.0[a] == 0 && axes[a].0 == 0.0;
+            let end = upper.0[a].saturating_sub(corner.0[a]) as f64 * cells_per_unit;
+            u8::from(lower) << a | u8::from(axes[a].1 >= end) << (3 + a)
+        };
+        is_inside.then(|| Region {
+            lo: axes.map(|axis| axis.0),
+            hi: axes.map(|axis| axis.1),
+            ends: ends(0) | ends(1) | ends(2),
+        })
+    }
+
+    /// How far the light of a ray may be off, or of a pixel that is larger than the brick, if the
+    /// brick is drawn in place of its children: from the index alone, and what lies in front of
+    /// it left aside.
+    fn error(&self, request: &BrickRequest, seen: &Seen, cut: &ErrorCut) -> f64 {
+        let Distance { residual, tree, .. } = self.shading.distance(&request.record, &request.field);
+        let span = self.bounds.over(tree[0], tree[1]);
+        let by_slope = span.slope.times(residual.min(tree[1] - tree[0])).plus(span.jumps);
+        let change = by_slope.min(span.variation.plus(span.jumps));
+        let plane = |lo: f64, hi: f64| if (lo + hi).is_finite() { 0.5 * (lo + hi) } else { 0.0 };
+        let (lo, hi) = (seen.footprint.plane_lo, seen.footprint.plane_hi);
+        let ray = seen.frame.ray(DVec2::new(plane(lo.x, hi.x), plane(lo.y, hi.y)));
+        let edge = self.header.shape.edge() as f64;
+        let crossing = edge / ray.direction.abs().max_element() * ray.length;
+        let covered = if self.pixels.has_area() { self.pixels.covered(&seen.footprint) } else { 1.0 };
+        let light = change.emission + change.extinction * cut.behind;
+        crossing * covered * light.max(change.extinction)
     }
 }
 

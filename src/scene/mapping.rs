@@ -107,6 +107,34 @@ impl Mapping {
         x.clamp(-LARGEST_UNCLAMPED, LARGEST_UNCLAMPED)
     }
 
+    /// How far x may be off where field values are off by at most `linear` (code units), and their
+    /// log10 by at most `log10`.
+    pub fn distance(&self, linear: f64, log10: f64) -> f64 {
+        self.of_scale(match self.scale {
+            Scale::Linear => linear * self.factor,
+            Scale::Log10 => log10,
+            // The steepest slope of symlog is that of its linear part.
+            Scale::Symlog { linthresh } => linear * self.factor / (0.9 * linthresh),
+        })
+    }
+
+    /// How far x may be off where field values of magnitude up to `largest` (code units) are off
+    /// by at most `relative` of their own.
+    pub fn relative_distance(&self, relative: f64, largest: f64) -> f64 {
+        self.of_scale(match self.scale {
+            Scale::Linear => relative * largest * self.factor,
+            Scale::Log10 => -(-relative.min(1.0)).ln_1p() / std::f64::consts::LN_10,
+            // du/0.9 is at most relative / 0.9 within the linear part, and the slope beyond less.
+            Scale::Symlog { .. } => relative / 0.9 / (1.0 - relative.min(1.0)),
+        })
+    }
+
+    /// A difference in the scale, in x.
+    fn of_scale(&self, difference: f64) -> f64 {
+        let is_constant = self.floor.is_nan() || self.high.partial_cmp(&self.low).is_none_or(|o| o.is_le());
+        if is_constant || difference == 0.0 { 0.0 } else { difference / (self.high - self.low) }
+    }
+
     /// x of field value `f` in code units, in [0, 1].
     pub fn clamped(&self, f: f64) -> f64 {
         self.unclamped(f).clamp(0.0, 1.0)
@@ -196,6 +224,24 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn distances_bound_differences(
+            f in prop_oneof![-50.0f64..50.0, 1e-3f64..1e4],
+            step in -1.0f64..1.0,
+            relative in 0.0f64..0.5,
+        ) {
+            for scale in [Scale::Linear, Scale::Log10, Scale::Symlog { linthresh: 0.7 }] {
+                let mapping = mapping(scale, Some([0.5, 20.0]));
+                let off = |other: f64| (mapping.unclamped(other) - mapping.unclamped(f)).abs();
+                let log10 = ((f + step).max(1e-3).log10() - f.max(1e-3).log10()).abs();
+                prop_assert!(off(f + step) <= mapping.distance(step.abs(), log10) + 1e-12);
+                for other in [f * (1.0 + relative), f * (1.0 - relative)] {
+                    let bound = mapping.relative_distance(relative, f.abs());
+                    prop_assert!(off(other) <= bound + 1e-12, "{scale:?} {f} {other} {bound}");
+                }
+            }
+        }
+
         #[test]
         fn never_decreasing(a in -1e6f64..1e6, b in -1e6f64..1e6, linthresh in 1e-6f64..1e3) {
             let (a, b) = (a.min(b), a.max(b));

@@ -1,0 +1,236 @@
+//! What a ray's radiance may be off by.
+//!
+//! Let a ray gather light by (j̃, κ̃) where the truth is (j, κ). From `dL/ds = κ·L − j`, seen from
+//! the eye, the difference of both pictures is exactly
+//!
+//! `Ĩ − I = ∫ T̃(s)·[(j̃ − j)(s) − (κ̃ − κ)(s)·L(s)] ds`
+//!
+//! with T̃ the transmittance that was marched through and L the true light from behind s. So a
+//! march that knows bounds of |j̃ − j| and |κ̃ − κ| knows a bound of its error; the same holds for
+//! 1 − T with j = κ.
+
+/// How much emission (any channel) and extinction may change: radiance and 1 / code length.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Change {
+    pub(super) emission: f64,
+    pub(super) extinction: f64,
+}
+
+impl Change {
+    pub(super) fn times(self, factor: f64) -> Self {
+        Self { emission: self.emission * factor, extinction: self.extinction * factor }
+    }
+
+    pub(super) fn plus(self, other: Self) -> Self {
+        Self {
+            emission: self.emission + other.emission,
+            extinction: self.extinction + other.extinction,
+        }
+    }
+
+    pub(super) fn min(self, other: Self) -> Self {
+        Self {
+            emission: self.emission.min(other.emission),
+            extinction: self.extinction.min(other.extinction),
+        }
+    }
+
+    pub(super) fn max(self, other: Self) -> Self {
+        Self {
+            emission: self.emission.max(other.emission),
+            extinction: self.extinction.max(other.extinction),
+        }
+    }
+}
+
+/// Changes summed along a ray.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Sums {
+    /// ∫ T̃·|Δj| ds.
+    pub(super) emission: f64,
+    /// ∫ T̃·|Δκ| ds.
+    pub(super) dimmed: f64,
+    /// ∫ |Δκ| ds.
+    pub(super) extinction: f64,
+}
+
+impl Sums {
+    /// Adds a stretch of `length` along which ∫ T̃ ds is at most `lit`.
+    #[inline]
+    pub(super) fn add(&mut self, change: Change, length: f64, lit: f64) {
+        self.emission += change.emission * lit;
+        self.dimmed += change.extinction * lit;
+        self.extinction += change.extinction * length;
+    }
+
+    /// The sums of one stretch, as of [`Self::add`].
+    pub(super) fn of(change: Change, length: f64, lit: f64) -> Self {
+        let mut sums = Self::default();
+        sums.add(change, length, lit);
+        sums
+    }
+
+    pub(super) fn plus(self, other: Self) -> Self {
+        Self {
+            emission: self.emission + other.emission,
+            dimmed: self.dimmed + other.dimmed,
+            extinction: self.extinction + other.extinction,
+        }
+    }
+
+    pub(super) fn times(self, factor: f64) -> Self {
+        Self {
+            emission: self.emission * factor,
+            dimmed: self.dimmed * factor,
+            extinction: self.extinction * factor,
+        }
+    }
+
+    /// ∫ T̃·(|Δj| + |Δκ|·L) ds where L is at most `brightest`, and T̃·L at most `light`; and of
+    /// 1 − T: the larger of both.
+    fn bound(self, light: f64, brightest: f64) -> f64 {
+        let absorbed = product(self.dimmed, brightest).min(product(self.extinction, light));
+        (self.emission + absorbed).max(self.dimmed)
+    }
+}
+
+/// The product, 0 where a factor is, also of infinity.
+fn product(a: f64, b: f64) -> f64 {
+    if a == 0.0 || b == 0.0 { 0.0 } else { a * b }
+}
+
+/// What may be wrong with a ray, each in the picture's own unit.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct RayError {
+    /// By cells that are drawn coarser than the data.
+    pub(super) levels: Sums,
+    /// By values that are not stored as the source has them.
+    pub(super) storage: Sums,
+    /// Largest difference of any ray of the ray's square to its centre's.
+    pub(super) farthest: Sums,
+    /// Difference of the square's mean to its centre's ray, by what does not cancel between
+    /// opposite places of the square.
+    pub(super) uneven: Sums,
+    /// ∫ T̃·|Δj| ds by simpler formulas than the transfer function's.
+    pub(super) quadrature: f64,
+}
+
+/// How far a picture may be off, by cause; in its own unit.
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
+pub struct ErrorShares {
+    /// Cells drawn coarser than the data.
+    pub levels: f64,
+    /// Transfer function and integrals replaced by simpler ones.
+    pub quadrature: f64,
+    /// Pixels' areas replaced by finitely many rays.
+    pub pixel_area: f64,
+    /// Stored values that are not the source's: f32, or `ingest --error`.
+    pub storage: f64,
+    /// Rays that ended before the domain's far side.
+    pub termination: f64,
+    /// Rounding, of sums along rays and of the picture's f32.
+    pub rounding: f64,
+}
+
+impl ErrorShares {
+    /// All together.
+    pub fn total(&self) -> f64 {
+        self.levels
+            + self.quadrature
+            + self.pixel_area
+            + self.storage
+            + self.termination
+            + self.rounding
+    }
+
+    /// Adds `weight` times another's.
+    pub(super) fn add(&mut self, other: &Self, weight: f64) {
+        self.levels += weight * other.levels;
+        self.quadrature += weight * other.quadrature;
+        self.pixel_area += weight * other.pixel_area;
+        self.storage += weight * other.storage;
+        self.termination += weight * other.termination;
+        self.rounding += weight * other.rounding;
+    }
+}
+
+/// Relative error of exact integration and of sums along a ray: what the stress tests of the
+/// integrator hold it to.
+const INTEGRATION: f64 = 1e-9;
+/// Relative error of a channel stored as f32.
+const STORED: f64 = 6e-8;
+
+impl RayError {
+    /// Bounds by cause, for a ray that has gathered `light` (its largest channel) and was left
+    /// with `transmittance`; `brightest` bounds light from behind any place, `rest` light from
+    /// behind where the ray ended early.
+    pub(super) fn shares(
+        &self,
+        light: f64,
+        transmittance: f64,
+        brightest: f64,
+        rest: f64,
+    ) -> ErrorShares {
+        let beside = self.levels.plus(self.storage);
+        let farthest = self.off_by(beside.plus(self.farthest), light, brightest);
+        // T̃·L is the light that is still to come, of the truth: at most that of the ray and what
+        // it may be off by.
+        let light_above = light + farthest;
+        let bound = |sums: Sums| sums.bound(light_above, brightest);
+        // Offsets within a square are on average half the largest.
+        let mean = bound(self.farthest.times(0.5));
+        let twice = beside.plus(self.farthest).extinction * (bound(beside) + mean);
+        ErrorShares {
+            levels: bound(self.levels),
+            quadrature: self.quadrature,
+            pixel_area: mean.min(bound(self.uneven) + twice),
+            storage: bound(self.storage),
+            termination: if rest > 0.0 { product(transmittance, rest.max(1.0)) } else { 0.0 },
+            rounding: (INTEGRATION + STORED) * light.max(1.0 - transmittance),
+        }
+    }
+
+    /// Solves E = J + min(t·brightest, (light + E)·k) for the largest error E.
+    fn off_by(&self, sums: Sums, light: f64, brightest: f64) -> f64 {
+        let by_brightest = sums.emission + product(sums.dimmed, brightest);
+        let by_light = if sums.extinction < 1.0 {
+            (sums.emission + light * sums.extinction) / (1.0 - sums.extinction)
+        } else {
+            f64::INFINITY
+        };
+        by_brightest.min(by_light) + self.quadrature
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_wrong_is_no_error() {
+        let shares = RayError::default().shares(0.0, 1.0, f64::INFINITY, 0.0);
+        assert_eq!(shares.total(), 0.0);
+    }
+
+    #[test]
+    fn a_thin_ray_is_off_by_what_its_emission_is() {
+        let mut error = RayError::default();
+        error.levels.add(Change { emission: 0.5, extinction: 0.0 }, 0.2, 0.2);
+        let shares = error.shares(3.0, 1.0, f64::INFINITY, 0.0);
+        assert_eq!(shares.levels, 0.1);
+        assert!(shares.total() < 0.1 + 1e-6);
+    }
+
+    #[test]
+    fn light_from_behind_is_what_the_ray_gathered_or_the_brightest() {
+        let mut error = RayError::default();
+        error.levels.add(Change { emission: 0.0, extinction: 0.1 }, 1.0, 1.0);
+        let by_light = error.shares(2.0, 0.5, f64::INFINITY, 0.0).levels;
+        assert!((by_light - 0.1 * (2.0 + 0.2 / 0.9)).abs() < 1e-12);
+        assert!((error.shares(2.0, 0.5, 1.5, 0.0).levels - 0.15).abs() < 1e-12);
+        let mut opaque = RayError::default();
+        opaque.levels.add(Change { emission: 0.0, extinction: 1e6 }, 1.0, 1e-6);
+        assert!((opaque.shares(1.0, 0.0, 1.0, 0.0).levels - 1.0).abs() < 1e-9);
+        assert_eq!(opaque.shares(1.0, 0.0, f64::INFINITY, 0.0).levels, f64::INFINITY);
+    }
+}
