@@ -117,7 +117,7 @@ impl Tile {
             let start = row * self.columns.len() + x;
             for state in &self.states[start..start + per_axis] {
                 let [r, g, b] = state.radiance;
-                for (sum, value) in sum.iter_mut().zip([r, g, b, 1.0 - state.transmittance]) {
+                for (sum, value) in sum.iter_mut().zip([r, g, b, state.opacity()]) {
                     *sum += value;
                 }
             }
