@@ -18,7 +18,7 @@ const ROOT_ROUNDING: f64 = 16.0 * f64::EPSILON;
 /// Optical depths below this are thin: four or six nodes do where x hardly bends.
 const THIN: f64 = SERIES_DEPTH;
 /// Four nodes are exact to 1e-9 where depth · bend² is below this.
-const STRAIGHT: f64 = 2e-5;
+const STRAIGHT: f64 = 2e-6;
 /// Eight nodes are exact to 1e-9 up to this optical depth if x bends little …
 const THICK: f64 = 2.0;
 /// … up to this if it bends as a cubic may …
@@ -189,27 +189,32 @@ impl Integrator<'_> {
             return;
         }
         let depth = length * piece.extinction(range[0]).max(piece.extinction(range[1]));
-        let bend = bend(x);
+        // From the piece's origin on: beside it x is rounding where the piece is narrow.
+        let mut d = *x;
+        d.0[0] -= piece.origin;
+        let bend = bend(&d);
         if N <= 4 && depth <= THIN && depth * bend * bend <= STRAIGHT {
             self.count += 1;
-            self.quadrature(x, piece, length, &GAUSS_4, thin_transmittance);
+            self.quadrature(&d, piece, length, &GAUSS_4, thin_transmittance);
         } else if N <= 4 && depth <= THIN && bend <= 1.0 {
             self.count += 1;
-            self.quadrature(x, piece, length, &GAUSS_6, thin_transmittance);
+            self.quadrature(&d, piece, length, &GAUSS_6, thin_transmittance);
         } else {
-            self.thick(x, piece, length, OPAQUE_HALVINGS);
+            self.thick(&d, piece, length, OPAQUE_HALVINGS);
         }
     }
 
+    /// A stretch along which x is `d` from the piece's origin, halved until nodes suffice.
     fn thick<const N: usize>(
         &mut self,
-        x: &Polynomial<N>,
+        d: &Polynomial<N>,
         piece: &Piece,
         length: f64,
         halvings: u32,
     ) {
-        let largest = range(&x.control_points()).map(|x| piece.extinction(x));
-        let deepest = if bend(x) <= 1.0 {
+        let largest =
+            range(&d.control_points()).map(|d| piece.extinction[0] + piece.extinction[1] * d);
+        let deepest = if bend(d) <= 1.0 {
             THICK
         } else if N <= 4 || halvings < OPAQUE_HALVINGS {
             THICK_BENT
@@ -218,27 +223,26 @@ impl Integrator<'_> {
         };
         if largest[0].max(largest[1]) * length <= deepest || halvings == 0 {
             self.count += 1;
-            return self.quadrature(x, piece, length, &GAUSS_8, transmittance);
+            return self.quadrature(d, piece, length, &GAUSS_8, transmittance);
         }
         for [from, to] in [[0.0, 0.5], [0.5, 1.0]] {
             if !self.is_faded() {
-                self.thick(&x.part(from, to), piece, 0.5 * length, halvings - 1);
+                self.thick(&d.part(from, to), piece, 0.5 * length, halvings - 1);
             }
         }
     }
 
-    /// Extinction is linear in x, so the optical depth is a polynomial, exact.
+    /// Extinction is linear in `d`, x from the piece's origin, so the optical depth is a
+    /// polynomial, exact.
     #[inline]
     fn quadrature<const N: usize, const R: usize>(
         &mut self,
-        x: &Polynomial<N>,
+        d: &Polynomial<N>,
         piece: &Piece,
         length: f64,
         rule: &[[f64; 2]; R],
         transmittance: impl Fn(f64) -> f64,
     ) {
-        let mut d = *x;
-        d.0[0] -= piece.origin;
         let [k0, k1] = piece.extinction;
         let mut depth = Polynomial(d.0);
         for (power, coefficient) in depth.0.iter_mut().enumerate() {
@@ -247,9 +251,9 @@ impl Integrator<'_> {
         }
         let scale = self.state.transmittance * length;
         let light = if piece.bends {
-            self.bent_light(&d, piece.origin, &depth, rule, &transmittance)
+            self.bent_light(d, piece.origin, &depth, rule, &transmittance)
         } else {
-            light(&d, piece, &depth, rule, &transmittance)
+            light(d, piece, &depth, rule, &transmittance)
         };
         self.state.gather(light.map(|light| scale * light));
         self.state.absorb(depth.at(1.0).max(0.0));
