@@ -52,8 +52,9 @@ impl RayState {
     /// Adds light that reaches the eye.
     #[inline]
     pub(super) fn gather(&mut self, light: [f64; 3]) {
-        for c in 0..3 {
-            add(&mut self.radiance[c], &mut self.radiance_excess[c], light[c]);
+        let sums = self.radiance.iter_mut().zip(&mut self.radiance_excess);
+        for ((sum, excess), light) in sums.zip(light) {
+            add(sum, excess, light);
         }
     }
 

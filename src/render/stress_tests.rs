@@ -24,16 +24,16 @@ struct Volume {
 impl Volume {
     fn new(absorption: &[(f64, f64)], emission: &[(f64, f64)], color: &[(f64, [f64; 3])]) -> Self {
         let color = ColorTable::List(PiecewiseLinear::new(color).unwrap());
-        Self::colored(absorption, emission, color)
+        Self::colored(absorption, emission, &color)
     }
 
-    fn colored(absorption: &[(f64, f64)], emission: &[(f64, f64)], color: ColorTable) -> Self {
+    fn colored(absorption: &[(f64, f64)], emission: &[(f64, f64)], color: &ColorTable) -> Self {
         let table = |points: &[(f64, f64)]| {
             let points: Vec<_> = points.iter().map(|&(x, y)| (x, [y])).collect();
             PiecewiseLinear::new(&points).unwrap()
         };
         let (absorption, emission) = (table(absorption), table(emission));
-        let transfer = TransferFunction::from_tables(&absorption, &emission, &color);
+        let transfer = TransferFunction::from_tables(&absorption, &emission, color);
         let tables = Tables { absorption, emission, color: color.table().clone() };
         Self { pieces: TransferPieces::new(&transfer), exact: ExactLight::new(&tables) }
     }
@@ -263,12 +263,12 @@ const WHITE_LIGHT: [(f64, f64); 1] = [(0.0, 1.0)];
 
 #[test]
 fn entries_of_a_colour_map_are_met_one_by_one() {
-    let map = || ColorTable::Map(ColorMap::named("inferno").unwrap());
+    let map = ColorTable::Map(ColorMap::named("inferno").unwrap());
     for (extinction, x) in [
         ([(0.0, 0.0), (1.0, 5.0)], [-0.2, 1.3, -0.4, 1.1]),
         ([(0.1, 1e3), (0.2, 0.0)], [0.0, 0.3, 0.05, 0.0]),
     ] {
-        let volume = Volume::colored(&extinction, &RAMP, map());
+        let volume = Volume::colored(&extinction, &RAMP, &map);
         volume.check(&through(x), 0.7, "inferno");
     }
 }
