@@ -6,17 +6,26 @@ use super::ray_state::{Ending, RayState, SERIES_DEPTH, mean_series};
 use super::transfer_pieces::{Piece, PieceList};
 
 /// A stretch is halved this often at most in search of the transfer function's bends; what is
-/// left then is 2⁻²⁰ of it, and as flat as an extremum.
+/// left then is 2⁻²⁰ of it, and an extremum at most.
 const SEARCH_HALVINGS: u32 = 20;
 /// An opaque stretch is halved this often at most: enough for depths of 1e30.
 const OPAQUE_HALVINGS: u32 = 110;
-/// Parts shorter than this share of a stretch count as constant.
-const SHORTEST_PART: f64 = 1e-9;
+/// In parts shorter than this share of a stretch x counts as a straight line.
+const SHORTEST_PART: f64 = 1e-6;
 /// A part may reach this share of a piece's width beyond the piece.
 const OVERSHOOT: f64 = 1e-6;
-/// Four nodes are exact to 1e-9 up to this optical depth, eight up to [`THICK`].
+/// Rounding of a root.
+const ROOT_ROUNDING: f64 = 16.0 * f64::EPSILON;
+/// Optical depths below this are thin: four or six nodes do where x hardly bends.
 const THIN: f64 = SERIES_DEPTH;
-const THICK: f64 = 3.0;
+/// Four nodes are exact to 1e-9 where depth · bend² is below this.
+const STRAIGHT: f64 = 2e-6;
+/// Eight nodes are exact to 1e-9 up to this optical depth if x bends little …
+const THICK: f64 = 2.0;
+/// … up to this if it bends as a cubic may …
+const THICK_BENT: f64 = 0.25;
+/// … and up to this if it bends as a polynomial of degree 7 may.
+const THICK_TWISTED: f64 = 1e-5;
 
 /// Gauss–Legendre nodes and weights on [0, 1].
 const GAUSS_4: [[f64; 2]; 4] = [
@@ -24,6 +33,14 @@ const GAUSS_4: [[f64; 2]; 4] = [
     [0.330_009_478_207_571_87, 0.326_072_577_431_273_05],
     [0.669_990_521_792_428_1, 0.326_072_577_431_273_05],
     [0.930_568_155_797_026_3, 0.173_927_422_568_726_92],
+];
+const GAUSS_6: [[f64; 2]; 6] = [
+    [0.033_765_242_898_423_99, 0.085_662_246_189_585_18],
+    [0.169_395_306_766_867_74, 0.180_380_786_524_069_3],
+    [0.380_690_406_958_401_55, 0.233_956_967_286_345_52],
+    [0.619_309_593_041_598_4, 0.233_956_967_286_345_52],
+    [0.830_604_693_233_132_3, 0.180_380_786_524_069_3],
+    [0.966_234_757_101_576, 0.085_662_246_189_585_18],
 ];
 const GAUSS_8: [[f64; 2]; 8] = [
     [0.019_855_071_751_231_884, 0.050_614_268_145_188_13],
@@ -175,7 +192,10 @@ impl Integrator<'_> {
         if rising || falling {
             self.cross(x, length, rising);
         } else if halvings == 0 {
-            self.constant(x.at(0.5), length);
+            let turn = x.turn();
+            let [before, after] = [x.part(0.0, turn), x.part(turn, 1.0)];
+            self.cross(&before, turn * length, before.at(0.0) < before.at(1.0));
+            self.cross(&after, (1.0 - turn) * length, after.at(0.0) < after.at(1.0));
         } else {
             self.search(&x.part(0.0, 0.5), 0.5 * length, halvings - 1);
             self.search(&x.part(0.5, 1.0), 0.5 * length, halvings - 1);
@@ -185,43 +205,49 @@ impl Integrator<'_> {
     /// Walks a monotone `x` from piece to piece of the transfer function.
     fn cross<const N: usize>(&mut self, x: &Polynomial<N>, length: f64, rising: bool) {
         let (mut index, last) = (self.pieces.find(x.at(0.0)), self.pieces.find(x.at(1.0)));
-        let mut from = 0.0;
+        let (mut from, mut entry) = (0.0, x.at(0.0));
         loop {
             let piece = self.pieces.piece(index);
             let is_last = if rising { index >= last } else { index <= last };
-            let to = match (is_last, rising) {
-                (true, _) => 1.0,
-                (_, true) => x.solve(piece.end, from),
-                (_, false) => x.solve(piece.start, from),
+            let exit = match (is_last, rising) {
+                (true, _) => x.at(1.0),
+                (_, true) => piece.end,
+                (_, false) => piece.start,
             };
-            self.part(x, [from, to], piece, length);
+            let to = if is_last { 1.0 } else { x.solve(exit, from) };
+            self.part(x, [from, to], [entry, exit], piece, length);
             if is_last {
                 return;
             }
-            from = to;
+            (from, entry) = (to, exit);
             index = if rising { index + 1 } else { index - 1 };
         }
     }
 
-    /// The part of a monotone `x` over s in [`from`, `to`], which crosses `piece`. Where x is too
-    /// steep for its ends to be found, it counts as constant: the part is short then.
+    /// The part of a monotone `x` over s in [`from`, `to`], which crosses `piece` from x =
+    /// `ends[0]` to `ends[1]`.
     fn part<const N: usize>(
         &mut self,
         x: &Polynomial<N>,
         [from, to]: [f64; 2],
+        ends: [f64; 2],
         piece: &Piece,
         length: f64,
     ) {
-        let part = x.part(from, to);
+        let (width, rise) = (to - from, ends[1] - ends[0]);
+        let part = x.part(from, to).between(ends);
         let [low, high] = range(&part.control_points());
         let slack = OVERSHOOT * (piece.end - piece.start);
         let fits = low >= piece.start - slack && high <= piece.end + slack;
-        if fits && to - from >= SHORTEST_PART {
-            self.within(&part, piece, [low, high], (to - from) * length);
-        } else {
-            let middle = x.at(0.5 * (from + to)).clamp(piece.start, piece.end.next_down());
-            self.constant(middle, (to - from) * length);
+        if fits && width >= SHORTEST_PART {
+            return self.within(&part, piece, [low, high], width * length);
         }
+        // The difference of two close roots is rounding, that of the values at them is not.
+        let by_slope = (rise / x.slope(0.5 * (from + to))).abs();
+        let is_better = (by_slope - width).abs() <= OVERSHOOT * width + ROOT_ROUNDING;
+        let share = if is_better { by_slope } else { width };
+        let line = Polynomial([ends[0], rise, 0.0, 0.0]);
+        self.within(&line, piece, range(&ends), share * length);
     }
 
     /// A stretch of constant `x`.
@@ -254,15 +280,33 @@ impl Integrator<'_> {
     ) {
         let before = self.state.transmittance;
         if !piece.is_transparent && !self.simply(x, piece, range, length) {
-            let depth = length * piece.extinction(range[0]).max(piece.extinction(range[1]));
-            if N <= 4 && depth <= THIN {
-                self.count += 1;
-                self.quadrature(x, piece, length, &GAUSS_4, thin_transmittance);
-            } else {
-                self.thick(x, piece, length, OPAQUE_HALVINGS);
-            }
+            self.exactly(x, piece, range, length);
         }
         self.account(piece, range, length, before);
+    }
+
+    #[inline]
+    fn exactly<const N: usize>(
+        &mut self,
+        x: &Polynomial<N>,
+        piece: &Piece,
+        range: [f64; 2],
+        length: f64,
+    ) {
+        let depth = length * piece.extinction(range[0]).max(piece.extinction(range[1]));
+        // From the piece's origin on: beside it x is rounding where the piece is narrow.
+        let mut d = *x;
+        d.0[0] -= piece.origin;
+        let bend = bend(&d);
+        if N <= 4 && depth <= THIN && depth * bend * bend <= STRAIGHT {
+            self.count += 1;
+            self.quadrature(&d, piece, length, &GAUSS_4, thin_transmittance);
+        } else if N <= 4 && depth <= THIN && bend <= 1.0 {
+            self.count += 1;
+            self.quadrature(&d, piece, length, &GAUSS_6, thin_transmittance);
+        } else {
+            self.thick(&d, piece, length, OPAQUE_HALVINGS);
+        }
     }
 
     /// The stretch with x as constant as its mean, if that is close enough: then the optical
@@ -301,37 +345,45 @@ impl Integrator<'_> {
         true
     }
 
+    /// A stretch along which x is `d` from the piece's origin, halved until nodes suffice.
     fn thick<const N: usize>(
         &mut self,
-        x: &Polynomial<N>,
+        d: &Polynomial<N>,
         piece: &Piece,
         length: f64,
         halvings: u32,
     ) {
-        let largest = range(&x.control_points()).map(|x| piece.extinction(x));
-        if largest[0].max(largest[1]) * length <= THICK || halvings == 0 {
+        let largest =
+            range(&d.control_points()).map(|d| piece.extinction[0] + piece.extinction[1] * d);
+        let deepest = if bend(d) <= 1.0 {
+            THICK
+        } else if N <= 4 || halvings < OPAQUE_HALVINGS {
+            THICK_BENT
+        } else {
+            THICK_TWISTED
+        };
+        if largest[0].max(largest[1]) * length <= deepest || halvings == 0 {
             self.count += 1;
-            return self.quadrature(x, piece, length, &GAUSS_8, transmittance);
+            return self.quadrature(d, piece, length, &GAUSS_8, transmittance);
         }
         for [from, to] in [[0.0, 0.5], [0.5, 1.0]] {
             if !self.is_faded() {
-                self.thick(&x.part(from, to), piece, 0.5 * length, halvings - 1);
+                self.thick(&d.part(from, to), piece, 0.5 * length, halvings - 1);
             }
         }
     }
 
-    /// Extinction is linear in x, so the optical depth is a polynomial, exact.
+    /// Extinction is linear in `d`, x from the piece's origin, so the optical depth is a
+    /// polynomial, exact.
     #[inline]
     fn quadrature<const N: usize, const R: usize>(
         &mut self,
-        x: &Polynomial<N>,
+        d: &Polynomial<N>,
         piece: &Piece,
         length: f64,
         rule: &[[f64; 2]; R],
         transmittance: impl Fn(f64) -> f64,
     ) {
-        let mut d = *x;
-        d.0[0] -= piece.origin;
         let [k0, k1] = piece.extinction;
         let mut depth = Polynomial(d.0);
         for (power, coefficient) in depth.0.iter_mut().enumerate() {
@@ -339,11 +391,9 @@ impl Integrator<'_> {
             *coefficient = length * (constant + k1 * *coefficient) / (power + 1) as f64;
         }
         let scale = self.state.transmittance * length;
-        let light = light(&d, piece, &depth, rule, &transmittance);
-        for (sum, light) in self.state.radiance.iter_mut().zip(light) {
-            *sum += scale * light;
-        }
-        self.state.transmittance *= transmittance(depth.at(1.0));
+        let light = light(d, piece, &depth, rule, &transmittance);
+        self.state.gather(light.map(|light| scale * light));
+        self.state.absorb(depth.at(1.0).max(0.0));
     }
 }
 
@@ -383,6 +433,14 @@ fn transmittance(depth: f64) -> f64 {
 #[inline]
 fn thin_transmittance(depth: f64) -> f64 {
     1.0 - depth * mean_series(depth)
+}
+
+/// How much x bends against its slope at the start: 0 for a straight line.
+#[inline]
+fn bend<const N: usize>(x: &Polynomial<N>) -> f64 {
+    let bent: f64 = x.0.iter().skip(2).map(|c| c.abs()).sum();
+    // A constant makes 0 / 0.
+    (bent / x.0.get(1).map_or(0.0, |c| c.abs())).max(0.0)
 }
 
 #[inline]

@@ -239,7 +239,7 @@ fn a_wall_of_dust_ends_only_rays_that_nothing_can_change() {
         let ray = ray([4.3, 4.2, 0.0], [0.0, 0.0, 1.0], 1.0);
         // Before anything was gathered, something bright behind may still count, however faint.
         for (gathered, done) in [(1e15, true), (0.0, false)] {
-            let mut state = RayState { radiance: [gathered; 3], transmittance: 1.0 };
+            let mut state = RayState { radiance: [gathered; 3], ..RayState::default() };
             march(&brick, &whole(&brick), DrawnNeighbours::ALL, &ray, &pieces, &EXACT, &mut state);
             let exact = (-320.0_f64).exp();
             assert!(state.transmittance < 1e-9 && state.is_done(1e11) == done, "{state:?}");

@@ -40,7 +40,13 @@ mod scaled_tests;
 pub mod shading;
 pub mod stats;
 #[cfg(test)]
+mod stress_tests;
+#[cfg(test)]
 mod test_data;
+#[cfg(test)]
+mod test_exact_light;
+#[cfg(test)]
+mod test_fixed;
 #[cfg(test)]
 mod test_scene;
 #[cfg(test)]

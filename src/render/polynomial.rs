@@ -113,14 +113,42 @@ impl<const N: usize> Polynomial<N> {
                 high = s;
             }
             let newton = s - f / slope;
-            let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+            if (newton - s).abs() <= f64::EPSILON {
+                break;
+            }
+            let inside = newton > low && newton < high;
+            let next = if inside { newton } else { 0.5 * (low + high) };
             let moved = (next - s).abs();
             s = next;
-            if moved < ROOT_TOLERANCE {
+            // Halving says nothing of how near the root is.
+            if moved < if inside { ROOT_TOLERANCE } else { f64::EPSILON } {
                 break;
             }
         }
         s
+    }
+
+    /// The same function moved by a straight line so that it has these values at 0 and 1, to the
+    /// rounding of their difference: a transfer function may be steep against rounding of x.
+    pub(super) fn between(mut self, ends: [f64; 2]) -> Self {
+        self.0[0] = ends[0];
+        let rise: f64 = self.0.iter().skip(1).sum();
+        self.0[1] += (ends[1] - ends[0]) - rise;
+        self
+    }
+
+    /// The slope at `s`.
+    pub(super) fn slope(&self, s: f64) -> f64 {
+        self.value_and_slope(s, 0.0).1
+    }
+
+    /// Where the slope changes sign in [0, 1], if it does so once.
+    pub(super) fn turn(&self) -> f64 {
+        let mut slope = Self([0.0; N]);
+        for k in 1..N {
+            slope.0[k - 1] = k as f64 * self.0[k];
+        }
+        slope.solve(0.0, 0.0)
     }
 
     fn value_and_slope(&self, s: f64, value: f64) -> (f64, f64) {

@@ -161,13 +161,13 @@ const INTEGRATION: f64 = 1e-9;
 const STORED: f64 = 6e-8;
 
 impl RayError {
-    /// Bounds by cause, for a ray that has gathered `light` (its largest channel) and was left
-    /// with `transmittance`; `brightest` bounds light from behind any place, `rest` light from
+    /// Bounds by cause, for a ray that has gathered `light` (its largest channel) and absorbs
+    /// `opacity` of what lies behind; `brightest` bounds light from behind any place, `rest` light from
     /// behind where the ray ended early.
     pub(super) fn shares(
         &self,
         light: f64,
-        transmittance: f64,
+        opacity: f64,
         brightest: f64,
         rest: f64,
     ) -> ErrorShares {
@@ -185,8 +185,8 @@ impl RayError {
             quadrature: self.quadrature,
             pixel_area: mean.min(bound(self.uneven) + twice),
             storage: bound(self.storage),
-            termination: if rest > 0.0 { product(transmittance, rest.max(1.0)) } else { 0.0 },
-            rounding: (INTEGRATION + STORED) * light.max(1.0 - transmittance),
+            termination: if rest > 0.0 { product(1.0 - opacity, rest.max(1.0)) } else { 0.0 },
+            rounding: (INTEGRATION + STORED) * light.max(opacity),
         }
     }
 
@@ -208,7 +208,7 @@ mod tests {
 
     #[test]
     fn nothing_wrong_is_no_error() {
-        let shares = RayError::default().shares(0.0, 1.0, f64::INFINITY, 0.0);
+        let shares = RayError::default().shares(0.0, 0.0, f64::INFINITY, 0.0);
         assert_eq!(shares.total(), 0.0);
     }
 
@@ -216,7 +216,7 @@ mod tests {
     fn a_thin_ray_is_off_by_what_its_emission_is() {
         let mut error = RayError::default();
         error.levels.add(Change { emission: 0.5, extinction: 0.0 }, 0.2, 0.2);
-        let shares = error.shares(3.0, 1.0, f64::INFINITY, 0.0);
+        let shares = error.shares(3.0, 0.0, f64::INFINITY, 0.0);
         assert_eq!(shares.levels, 0.1);
         assert!(shares.total() < 0.1 + 1e-6);
     }
@@ -230,7 +230,7 @@ mod tests {
         assert!((error.shares(2.0, 0.5, 1.5, 0.0).levels - 0.15).abs() < 1e-12);
         let mut opaque = RayError::default();
         opaque.levels.add(Change { emission: 0.0, extinction: 1e6 }, 1.0, 1e-6);
-        assert!((opaque.shares(1.0, 0.0, 1.0, 0.0).levels - 1.0).abs() < 1e-9);
-        assert_eq!(opaque.shares(1.0, 0.0, f64::INFINITY, 0.0).levels, f64::INFINITY);
+        assert!((opaque.shares(1.0, 1.0, 1.0, 0.0).levels - 1.0).abs() < 1e-9);
+        assert_eq!(opaque.shares(1.0, 1.0, f64::INFINITY, 0.0).levels, f64::INFINITY);
     }
 }

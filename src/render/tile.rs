@@ -167,9 +167,8 @@ impl Tile {
             let [r, g, b] = state.radiance;
             let ending = &light.ending;
             let rest = if state.is_done(ending) { ending.brightest } else { 0.0 };
-            let shares =
-                error.shares(state.light(), state.transmittance, ending.brightest, rest);
-            (*square, [r, g, b, 1.0 - state.transmittance], shares)
+            let shares = error.shares(state.light(), state.opacity(), ending.brightest, rest);
+            (*square, [r, g, b, state.opacity()], shares)
         })
     }
 }

@@ -165,15 +165,17 @@ impl Piece {
 
     /// The piece through the function's values at both ends and in the middle.
     fn between(start: f64, end: f64, sample: &impl Fn(f64) -> (f64, [f64; 3])) -> Self {
-        let width = end - start;
-        let middle = 0.5 * (start + end);
-        if !(middle > start && middle < end) {
+        // The last place before the end: far from it in a piece of a few floats.
+        let last = end.next_down();
+        let middle = 0.5 * (start + last);
+        if !(middle > start && middle < last) {
             return Self::constant(start, end, sample(start));
         }
-        let ((k0, j0), (_, jm), (k1, j1)) =
-            (sample(start), sample(middle), sample(end.next_down()));
-        let linear = |c: usize| (4.0 * jm[c] - 3.0 * j0[c] - j1[c]) / width;
-        let quadratic = |c: usize| 2.0 * (j0[c] + j1[c] - 2.0 * jm[c]) / width / width;
+        let ((k0, j0), (_, jm), (k1, j1)) = (sample(start), sample(middle), sample(last));
+        let (left, right) = (middle - start, last - middle);
+        let bend = |c: usize| ((j1[c] - jm[c]) / right - (jm[c] - j0[c]) / left) / (last - start);
+        let quadratic: [f64; 3] = std::array::from_fn(bend);
+        let linear = |c: usize| (jm[c] - j0[c]) / left - quadratic[c] * left;
         Self {
             start,
             end,
@@ -184,8 +186,8 @@ impl Piece {
             allowed: 0.0,
             step: Step::default(),
             origin: start,
-            extinction: [k0, (k1 - k0) / width],
-            emission: [j0, std::array::from_fn(linear), std::array::from_fn(quadratic)],
+            extinction: [k0, (k1 - k0) / (last - start)],
+            emission: [j0, std::array::from_fn(linear), quadratic],
         }
         .with_slopes()
     }

@@ -79,7 +79,7 @@ impl<const CHANNELS: usize> PiecewiseLinear<CHANNELS> {
         // Halves: the difference of two finite numbers need not be finite.
         let t = (0.5 * x - 0.5 * left) / (0.5 * right - 0.5 * left);
         if !t.is_finite() {
-            return self.values[upper];
+            return self.values[if x > left { upper } else { upper - 1 }];
         }
         let (below, above) = (&self.values[upper - 1], &self.values[upper]);
         std::array::from_fn(|channel| below[channel] * (1.0 - t) + above[channel] * t)
@@ -137,7 +137,8 @@ mod tests {
         let wide = table(&[(f64::MIN, 1.0), (f64::MAX, 3.0)]).unwrap();
         assert_eq!(wide.value(0.0), [2.0]);
         let narrow = table(&[(0.0, 1.0), (5e-324, 3.0)]).unwrap();
-        assert!(narrow.value(0.0)[0].is_finite() && narrow.value(1.0) == [3.0]);
+        assert!(narrow.value(0.0) == [1.0] && narrow.value(5e-324) == [3.0]);
+        assert!(narrow.value(1.0) == [3.0] && narrow.left_limit(5e-324) == [3.0]);
     }
 
     #[test]

@@ -1,0 +1,348 @@
+//! Pictures at the ends of what numbers can say: each has a known answer.
+
+// Helpers fail the tests that call them.
+#![allow(clippy::unwrap_used)]
+
+mod bricks;
+mod twin;
+
+use bricks::sets::Set;
+use deepfield::cache::Cache;
+use deepfield::image::Film;
+use deepfield::render::{RenderOptions, render};
+use deepfield::scene::Scene;
+use deepfield::source;
+use deepfield::synth::Recipe;
+use twin::dataset::{Dataset, Precision};
+use twin::picture::Picture;
+
+/// Three levels about a point beside the middle of the unit cube.
+const REFINED: &str = "[domain]\nleft = [0.0, 0.0, 0.0]\nright = [1.0, 1.0, 1.0]\n\
+     root = [16, 16, 16]\n[refinement]\nmax_level = 2\n[[refinement.centre]]\n\
+     position = [0.4, 0.55, 0.6]\nhalf_size = [5, 4, 6]\n";
+/// Width of a cell of the deepest level.
+const CELL: f64 = 1.0 / 64.0;
+const PIXELS: usize = 9;
+
+struct Subject {
+    set: Set,
+    cache: Cache,
+}
+
+impl Subject {
+    /// The refined cube with these components of density.
+    fn new(density: &str) -> Self {
+        let recipe = Recipe::parse(&format!("{REFINED}{density}"), "recipe").unwrap();
+        let set = Set::of_recipe("extreme", &recipe);
+        let cache = set.cache(8);
+        Self { set, cache }
+    }
+
+    fn constant(value: f64) -> Self {
+        Self::new(&format!("[[density]]\nkind = \"constant\"\nvalue = {value:e}\n"))
+    }
+
+    fn render(&self, view: &View, volume: &str) -> Film {
+        let scene = Scene::parse(&view.scene(volume), "scene").unwrap();
+        let options = RenderOptions { memory: 256 << 20, threads: 2, progress: None };
+        let film = render(&self.cache, &scene, &options).unwrap().film;
+        assert!(film.pixels().iter().flatten().all(|c| c.is_finite() && *c >= 0.0), "{film:?}");
+        film
+    }
+
+    /// The largest difference to the twin's picture, relative to its largest value.
+    fn difference(&self, view: &View, volume: &str) -> f64 {
+        let source = source::open(&self.set.input, None).unwrap();
+        let dataset = Dataset::load(source.as_ref(), "Density", Precision::Single).unwrap();
+        let scene = twin::scene::Scene::parse(&view.scene(volume)).unwrap();
+        let truth = Picture::render(&scene, &dataset).unwrap();
+        assert!(truth.largest() > 0.0, "{volume}");
+        let pixels = self.render(view, volume).pixels().iter().map(|p| p.map(f64::from)).collect();
+        let picture = Picture { pixels, ..truth.clone() };
+        picture.difference(&truth).unwrap().largest
+    }
+
+    /// That every pixel of a view along z from outside is (r, r, r, a), for both interpolations.
+    fn shows(&self, volume: &str, [r, a]: [f64; 2]) {
+        for linear in [false, true] {
+            let film = self.render(&View { linear, ..View::default() }, volume);
+            for pixel in film.pixels() {
+                let close =
+                    |found: f32, exact: f64| (f64::from(found) - exact).abs() <= 2e-7 * exact;
+                let right = pixel[..3].iter().all(|c| close(*c, r)) && close(pixel[3], a);
+                assert!(right, "{pixel:?}, not {r} and {a}: {volume}");
+            }
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct View {
+    position: [f64; 3],
+    look_at: [f64; 3],
+    up: [f64; 3],
+    perspective: bool,
+    linear: bool,
+}
+
+impl Default for View {
+    /// Along z, over the inner half of the cube's face.
+    fn default() -> Self {
+        Self {
+            position: [0.5, 0.5, -1.0],
+            look_at: [0.5; 3],
+            up: [0.0, 1.0, 0.0],
+            perspective: false,
+            linear: true,
+        }
+    }
+}
+
+impl View {
+    fn scene(&self, volume: &str) -> String {
+        let Self { position, look_at, up, perspective, linear } = self;
+        let lens = if *perspective {
+            "projection = \"perspective\"\nfov = 60.0"
+        } else {
+            "projection = \"orthographic\"\nheight = 0.5"
+        };
+        let interpolation = if *linear { "linear" } else { "cell" };
+        format!(
+            "[image]\nwidth = {PIXELS}\nheight = {PIXELS}\n[camera]\nposition = {position:?}\n\
+             look_at = {look_at:?}\nup = {up:?}\n{lens}\n[render]\n\
+             interpolation = \"{interpolation}\"\ntolerance = 0\nsamples = 1\n[[volume]]\n\
+             field = \"Density\"\n{volume}"
+        )
+    }
+
+    /// How far the ray of pixel (i, j) runs through the unit cube, whose upper faces are outside.
+    fn chord(&self, i: usize, j: usize) -> f64 {
+        let sum = |a: [f64; 3], t: f64, b: [f64; 3]| -> [f64; 3] {
+            std::array::from_fn(|n| a[n] + t * b[n])
+        };
+        let cross = |a: [f64; 3], b: [f64; 3]| -> [f64; 3] {
+            std::array::from_fn(|n| {
+                a[(n + 1) % 3] * b[(n + 2) % 3] - a[(n + 2) % 3] * b[(n + 1) % 3]
+            })
+        };
+        let unit = |a: [f64; 3]| a.map(|x| x / a.iter().map(|x| x * x).sum::<f64>().sqrt());
+        let forward = unit(sum(self.look_at, -1.0, self.position));
+        let right = unit(cross(forward, self.up));
+        let half = if self.perspective { 30_f64.to_radians().tan() } else { 0.25 };
+        let place = |n: usize| (2.0 * (n as f64 + 0.5) / PIXELS as f64 - 1.0) * half;
+        let aside = sum(right.map(|x| x * place(i)), -place(j), cross(right, forward));
+        let (origin, direction, mut from) = if self.perspective {
+            (self.position, unit(sum(forward, 1.0, aside)), 0.0)
+        } else {
+            (sum(self.position, 1.0, aside), forward, f64::NEG_INFINITY)
+        };
+        let mut to = f64::INFINITY;
+        for a in 0..3 {
+            if direction[a].abs() < 1e-13 {
+                if !(0.0..1.0).contains(&origin[a]) {
+                    return 0.0;
+                }
+                continue;
+            }
+            let ends = [0.0, 1.0].map(|face| (face - origin[a]) / direction[a]);
+            from = from.max(ends[0].min(ends[1]));
+            to = to.min(ends[0].max(ends[1]));
+        }
+        (to - from).max(0.0)
+    }
+}
+
+const WHITE: &str = "color = [[0.0, 1.0, 1.0, 1.0], [1.0, 1.0, 1.0, 1.0]]\n";
+
+fn volume(scale: &str, range: &str, absorption: &str, emission: &str) -> String {
+    format!(
+        "scale = \"{scale}\"\n{range}{WHITE}absorption = [{absorption}]\nemission = [{emission}]\n"
+    )
+}
+
+fn linear(range: [f64; 2], absorption: &str, emission: &str) -> String {
+    volume("linear", &format!("range = {range:?}\n"), absorption, emission)
+}
+
+#[test]
+fn extinction_of_nothing_and_of_1e30() {
+    let subject = Subject::constant(3.0);
+    subject.shows(&linear([1.0, 5.0], "[0, 0]", "[0, 0], [1, 4]"), [2.0, 0.0]);
+    subject.shows(&linear([1.0, 5.0], "[0, 5e29]", "[0, 0], [1, 1e30]"), [1.0, 1.0]);
+    subject.shows(&linear([1.0, 5.0], "[0, 1e30]", "[0, 0]"), [0.0, 1.0]);
+    // Thinner than f32's 1 − 2⁻²⁴, and than f64's.
+    for depth in [1e-10, 1e-20, 1e-31] {
+        let table = format!("[0, {depth:e}]");
+        subject.shows(&linear([1.0, 5.0], &table, &table), [depth, depth]);
+    }
+}
+
+#[test]
+fn tables_whose_end_points_are_equal() {
+    let subject = Subject::constant(3.0);
+    let seen = |depth: f64| [1.0 - (-depth).exp(); 2];
+    let steps = "[0, 7], [0, 1], [0.5, 4], [0.5, 0.5], [1, 0.5], [1, 2]";
+    // At a step the last point counts: x is 0, ½ and 1.
+    for (range, depth) in
+        [([3.0, 5.0], 1.0), ([2.0, 4.0], 0.5), ([1.0, 3.0], 2.0), ([0.0, 1.0], 2.0)]
+    {
+        subject.shows(&linear(range, steps, steps), seen(depth));
+    }
+    for one in ["[0.5, 3]", "[0, 3]", "[1, 3]", "[-7, 3]", "[7, 3]", "[0, 3], [0, 3]"] {
+        subject.shows(&linear([3.0, 5.0], one, one), seen(3.0));
+    }
+}
+
+#[test]
+fn fields_constant_in_space() {
+    let subject = Subject::constant(3.0);
+    // Without a range everything maps to 0.
+    for scale in ["linear", "log10", "symlog\"\nlinthresh = 0.1 #\""] {
+        let volume = volume(scale, "", "[0, 0.5], [1, 9]", "[0, 0.5], [1, 9]");
+        subject.shows(&volume, [1.0 - (-0.5_f64).exp(); 2]);
+    }
+    let log = volume("log10", "range = [0.3, 30.0]\n", "[0, 0]", "[0, 0], [1, 4]");
+    subject.shows(&log, [2.0, 0.0]);
+}
+
+#[test]
+fn logarithms_of_what_is_not_positive() {
+    // Nowhere positive: everything maps to 0.
+    for value in [0.0, -3.0] {
+        let subject = Subject::constant(value);
+        for range in ["", "range = [1.0, 10.0]\n"] {
+            let volume = volume("log10", range, "[0, 0.5], [1, 9]", "[0, 0.5], [1, 9]");
+            subject.shows(&volume, [1.0 - (-0.5_f64).exp(); 2]);
+        }
+    }
+    // From −1 to 1, exactly 0 nowhere and everywhere near the middle.
+    let subject =
+        Subject::new("[[density]]\nkind = \"gradient\"\nvalue = -1.0\nslope = [2.0, 0.0, 0.0]\n");
+    let tables = "[0, 0.3], [1, 4]";
+    for linear in [false, true] {
+        let view = View { linear, ..View::default() };
+        for range in ["", "range = [0.02, 0.5]\n"] {
+            let difference = subject.difference(&view, &volume("log10", range, tables, tables));
+            assert!(difference < 2e-6, "{difference} {range}");
+        }
+    }
+}
+
+#[test]
+fn sixty_decades() {
+    // From 1e-30 beyond a sphere's radius to 1e30 in its middle.
+    let subject = Subject::new(
+        "[[density]]\nkind = \"power_law\"\ncentre = [0.5, 0.5, 0.5]\nvalue = 1e-30\nslope = 40.0\n\
+         inner = 0.0316227766\n",
+    );
+    let tables = "[0, 0.1], [0.3, 6], [0.4, 0], [1, 30]";
+    for linear in [false, true] {
+        let view = View { linear, ..View::default() };
+        for (scale, range) in [
+            ("log10", ""),
+            ("log10", "range = [1e-30, 1e30]\n"),
+            ("linear", "range = [1e-30, 1e30]\n"),
+            ("linear", "range = [1e-30, 1e-20]\n"),
+            ("symlog\"\nlinthresh = 1e-25 #\"", "range = [-1e30, 1e30]\n"),
+        ] {
+            let difference = subject.difference(&view, &volume(scale, range, tables, tables));
+            assert!(difference < 2e-6, "{difference}: {scale} {range}, linear: {linear}");
+        }
+    }
+}
+
+#[test]
+fn denormals() {
+    let subject = Subject::constant(1e-310);
+    subject.shows(&linear([0.0, 2e-310], "[0, 0]", "[0, 0], [1, 4]"), [2.0, 0.0]);
+    subject.shows(&linear([0.0, 1.0], "[0, 1]", "[0, 1]"), [1.0 - (-1.0_f64).exp(); 2]);
+    let subject = Subject::constant(3.0);
+    // What f32 cannot hold is 0 in a picture; what does not absorb lets everything through.
+    subject.shows(&linear([1.0, 5.0], "[0, 5e-324]", "[0, 1e-310]"), [0.0, 0.0]);
+    subject.shows(&linear([1.0, 5.0], "[0, 5e-324]", "[0, 0], [1, 4]"), [2.0, 0.0]);
+    // Points a denormal apart.
+    let steep = "[0, 1], [5e-324, 3], [1, 3]";
+    subject.shows(&linear([1.0, 5.0], steep, steep), [1.0 - (-3.0_f64).exp(); 2]);
+    subject.shows(&linear([3.0, 5.0], steep, steep), [1.0 - (-1.0_f64).exp(); 2]);
+}
+
+/// Cameras on corners, faces and edges of cells and of the domain, along axes and in planes.
+fn cameras() -> Vec<View> {
+    let up = [0.0, 1.0, 0.0];
+    let corner = [27.0 * CELL, 36.0 * CELL, 39.0 * CELL];
+    let along_x = |p: [f64; 3], step: f64| [p[0] + step, p[1], p[2]];
+    let mut pairs = Vec::new();
+    for place in [corner, [0.5; 3], [0.5, 0.51, 0.52], [0.0; 3], [0.0, 0.5, 0.5], [0.0, 0.0, 0.4]] {
+        // Along an axis, in a plane of faces, along a diagonal of cells.
+        pairs.push((place, along_x(place, 0.5)));
+        pairs.push((place, [place[0] + 0.25, place[1], place[2] + 0.125]));
+        pairs.push((place, place.map(|x| x + 0.25)));
+    }
+    // From upper faces, which are outside, inward and along.
+    for place in [[1.0, 0.5, 0.5], [1.0; 3], [1.0, 1.0, 0.25]] {
+        pairs.push((place, along_x(place, -0.5)));
+        pairs.push((place, [place[0] - 0.25, place[1], place[2] - 0.125]));
+        pairs.push((place, place.map(|x| x - 0.25)));
+        pairs.push((place, [place[0], place[1], place[2] - 0.25]));
+    }
+    let view = |(position, look_at), perspective, linear| View {
+        position,
+        look_at,
+        up,
+        perspective,
+        linear,
+    };
+    pairs
+        .into_iter()
+        .flat_map(|pair| {
+            [[false, false], [false, true], [true, false], [true, true]]
+                .map(|[perspective, linear]| view(pair, perspective, linear))
+        })
+        .collect()
+}
+
+#[test]
+fn cameras_on_corners_and_faces_see_all_of_a_constant_field() {
+    let subject = Subject::constant(3.0);
+    let volume = linear([1.0, 5.0], "[0, 0], [1, 4]", "[0, 1]");
+    for view in cameras() {
+        let film = subject.render(&view, &volume);
+        for (n, pixel) in film.pixels().iter().enumerate() {
+            let chord = view.chord(n % PIXELS, n / PIXELS);
+            let opacity = 1.0 - (-2.0 * chord).exp();
+            let error = (f64::from(pixel[3]) - opacity).abs();
+            let light = (f64::from(pixel[0]) - 0.5 * opacity).abs();
+            assert!(error < 1e-6 && light < 1e-6, "{n}: {pixel:?}, not {opacity}: {view:?}");
+        }
+    }
+}
+
+/// Moves the camera by 1e-9 of the smallest cell, inward if it stands on an edge.
+fn moved(view: &View) -> View {
+    let step = 1e-9 * CELL;
+    let by: [f64; 3] = std::array::from_fn(|a| if view.position[a] < 1.0 { step } else { -step });
+    let add = |p: [f64; 3]| -> [f64; 3] { std::array::from_fn(|a| p[a] + by[a]) };
+    View { position: add(view.position), look_at: add(view.look_at), ..*view }
+}
+
+#[test]
+fn cameras_on_corners_and_faces_see_what_is_seen_beside() {
+    let subject = Subject::new(
+        "[[density]]\nkind = \"gaussian\"\ncentre = [0.4, 0.5, 0.6]\npeak = 3.0\nsigma = 0.2\n\
+         [[density]]\nkind = \"constant\"\nvalue = 1.0\n",
+    );
+    let volume = linear([1.0, 4.0], "[0, 0.5], [0.5, 4], [1, 1]", "[0, 1], [1, 5]");
+    for view in cameras().into_iter().filter(|view| view.linear) {
+        let beside = moved(&view);
+        let [here, there] = [&view, &beside].map(|view| subject.render(view, &volume));
+        for (n, (a, b)) in here.pixels().iter().zip(there.pixels()).enumerate() {
+            // Where the move enters or leaves the domain along a face, that is another picture.
+            let chords = [&view, &beside].map(|view| view.chord(n % PIXELS, n / PIXELS));
+            if (chords[0] - chords[1]).abs() > 1e-8 {
+                continue;
+            }
+            let same = a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-6 * (1.0 + b));
+            assert!(same, "pixel {n}: {a:?} and {b:?}: {view:?}");
+        }
+    }
+}
