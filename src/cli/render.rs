@@ -12,7 +12,7 @@ use crate::atomic_file::AtomicFile;
 use crate::cache::{Cache, Cursor};
 use crate::image::{Format, write_exr, write_png};
 use crate::render::stats::Stats;
-use crate::render::{RenderOptions, Rendered, render};
+use crate::render::{FixedSetting, RenderOptions, Rendered, render};
 use crate::scene::{Samples, Scene, Tolerance};
 use crate::{Error, Result};
 
@@ -37,6 +37,10 @@ pub(super) struct Arguments {
     /// n for n×n rays a pixel, or `area` (default: the scene's)
     #[arg(long, value_name = "N|area")]
     samples: Option<String>,
+    /// Cells in pixels (0: all levels), rays a pixel's axis and the march's relative accuracy, set
+    /// by hand instead of by tolerance: no bound of the error, for comparison
+    #[arg(long, value_name = "PIXELS,RAYS,ACCURACY", value_parser = parse_fixed)]
+    fixed: Option<FixedSetting>,
     /// Write what the picture took, as JSON
     #[arg(long, value_name = "FILE.json")]
     stats: Option<PathBuf>,
@@ -63,6 +67,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         memory: arguments.memory,
         threads: arguments.threads.map_or_else(all_cores, |n| n as usize),
         progress: Some(&progress),
+        fixed: arguments.fixed,
     };
     let mut rendered = render(&cache, &scene, &options)?;
     rendered.stats.set_opening(opening);
@@ -71,6 +76,18 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         Some(path) => write_stats(path, &rendered.stats),
         None => Ok(()),
     }
+}
+
+/// Three numbers ≥ 0, the second a whole one that [`Samples`] can be.
+fn parse_fixed(text: &str) -> Result<FixedSetting, String> {
+    let number = |text: &str| text.parse().ok().filter(|n: &f64| n.is_finite() && *n >= 0.0);
+    if let [pixels, rays, accuracy] = text.split(',').map(str::trim).collect::<Vec<_>>()[..]
+        && let (Some(pixels_per_cell), Some(relative_accuracy)) = (number(pixels), number(accuracy))
+        && let Ok(Samples::Grid(rays_per_axis)) = Samples::parse(rays)
+    {
+        return Ok(FixedSetting { pixels_per_cell, rays_per_axis, relative_accuracy });
+    }
+    Err("a fixed setting is three numbers ≥ 0, as in `1,3,0.001`".to_owned())
 }
 
 fn warn_of_nan(cache: &Cache, scene: &Scene) {

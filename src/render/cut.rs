@@ -36,9 +36,27 @@ impl Cut {
     /// # Errors
     /// An eye too far from the domain.
     pub fn new(scene: &Scene, domain: &Domain, shape: BrickShape) -> Result<Self> {
-        let rule = match scene.render.tolerance {
-            Tolerance::Absolute(0.0) | Tolerance::Relative(0.0) => Rule::FullDepth,
-            _ => Rule::of_pixels(scene, domain, shape)?,
+        let pixels = match scene.render.tolerance {
+            Tolerance::Absolute(0.0) | Tolerance::Relative(0.0) => 0.0,
+            _ => 1.0,
+        };
+        Self::of_pixels(pixels, scene, domain, shape)
+    }
+
+    /// The cut that opens cells while they are larger than `pixels` pixels where the brick is
+    /// nearest to the eye; 0: all levels.
+    ///
+    /// # Errors
+    /// An eye too far from the domain.
+    pub fn of_pixels(
+        pixels: f64,
+        scene: &Scene,
+        domain: &Domain,
+        shape: BrickShape,
+    ) -> Result<Self> {
+        let rule = match pixels {
+            0.0 => Rule::FullDepth,
+            _ => Rule::of_pixels(pixels, scene, domain, shape)?,
         };
         Ok(Self { domain: domain.clone(), shape, rule })
     }
@@ -96,16 +114,16 @@ impl Cut {
 }
 
 impl Rule {
-    fn of_pixels(scene: &Scene, domain: &Domain, shape: BrickShape) -> Result<Self> {
+    fn of_pixels(pixels: f64, scene: &Scene, domain: &Domain, shape: BrickShape) -> Result<Self> {
         let (width, height) = (f64::from(scene.image.width), f64::from(scene.image.height));
         match scene.camera.projection {
-            Projection::Orthographic { height: view } => Ok(Self::Size(view / height)),
+            Projection::Orthographic { height: view } => Ok(Self::Size(pixels * view / height)),
             Projection::Perspective { fov_degrees } => {
                 let half = (fov_degrees.to_radians() / 2.0).tan();
                 // Depth along the view is at least this part of the distance, in the picture's
                 // corners.
                 let cosine = (1.0 + half * half * (1.0 + (width / height).powi(2))).sqrt().recip();
-                let pixel = 2.0 * half / height * cosine;
+                let pixel = pixels * 2.0 * half / height * cosine;
                 let eye = domain.position(&scene.camera.position)?;
                 Ok(Self::Distance { eye, slope: pixel.min(Self::steepest_slope(shape)) })
             }

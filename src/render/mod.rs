@@ -71,10 +71,10 @@ use crate::Result;
 use crate::cache::{Cache, Header};
 use crate::image::Film;
 use crate::paging::{Budget, Counters, Pool, peak_rss_bytes};
-use crate::scene::{Scene, Tolerance};
+use crate::scene::{Samples, Scene, Tolerance};
 use crate::space::Domain;
 
-/// How a picture is made, beside what it shows. The picture does not depend on it.
+/// How a picture is made, beside what it shows. The picture depends on none of it but `fixed`.
 #[derive(Clone, Copy)]
 pub struct RenderOptions<'o> {
     /// The memory limit of the whole process, bytes.
@@ -83,6 +83,21 @@ pub struct RenderOptions<'o> {
     pub threads: usize,
     /// Hears of progress, from any thread: tiles done, and how many there are.
     pub progress: Option<&'o (dyn Fn(u64, u64) + Sync)>,
+    /// Draws by these settings instead of the scene's tolerance and samples, without a bound of
+    /// the error.
+    pub fixed: Option<FixedSetting>,
+}
+
+/// The settings of a renderer that knows nothing of its error, as its user picks them by hand:
+/// what a picture by tolerance is compared with.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FixedSetting {
+    /// Bricks are opened while their cells are larger than this many pixels; 0: all levels.
+    pub pixels_per_cell: f64,
+    /// n for n×n rays a pixel, whatever the scene's samples are.
+    pub rays_per_axis: u32,
+    /// [`Accuracy::relative`] of the march.
+    pub relative_accuracy: f64,
 }
 
 /// A picture and what it took.
@@ -107,8 +122,12 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     let threads = options.threads.max(1);
     let shading = Shading::new(&scene.volume, scene.render.interpolation, header)?;
     let view = View::new(scene, &header.domain)?;
-    let cut = Cut::new(scene, &header.domain, header.shape)?;
-    let rays = RayGrid::new(&view, scene.render.samples);
+    let cut = match &options.fixed {
+        Some(fixed) => Cut::of_pixels(fixed.pixels_per_cell, scene, &header.domain, header.shape)?,
+        None => Cut::new(scene, &header.domain, header.shape)?,
+    };
+    let by_hand = |fixed: FixedSetting| Samples::Grid(fixed.rays_per_axis);
+    let rays = RayGrid::new(&view, options.fixed.map_or(scene.render.samples, by_hand));
     let plan = MemoryPlan::new(cache, width, height, threads, options.memory)?;
     let reserved = plan.reserve(&Budget::new(options.memory))?;
     cache.set_index_windows(plan.windows);
@@ -118,7 +137,7 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     let loader = BrickLoader { cache, shading: &shading };
     let picture = Picture {
         cache,
-        light: light(&shading, scene.render.tolerance, header),
+        light: light(&shading, relative_accuracy(scene.render.tolerance, options), header),
         scenery,
         pool: Pool::new(plan.slots, &loader, &counters),
         film: Mutex::new(Film::new(width, height)?),
@@ -149,11 +168,15 @@ fn take_census(cache: &Cache, scenery: &Scenery<'_>) -> Result<Census> {
 }
 
 /// An absolute tolerance says nothing of a ray before the picture is known: rays are then exact.
-fn light(shading: &Shading, tolerance: Tolerance, header: &Header) -> Light {
-    let relative = match tolerance {
-        Tolerance::Relative(part) => part,
-        Tolerance::Absolute(_) => 0.0,
-    };
+fn relative_accuracy(tolerance: Tolerance, options: &RenderOptions<'_>) -> f64 {
+    match (options.fixed, tolerance) {
+        (Some(fixed), _) => fixed.relative_accuracy,
+        (None, Tolerance::Relative(part)) => part,
+        (None, Tolerance::Absolute(_)) => 0.0,
+    }
+}
+
+fn light(shading: &Shading, relative: f64, header: &Header) -> Light {
     Light {
         pieces: TransferPieces::new(&shading.transfer),
         accuracy: Accuracy { relative, longest_path: diagonal(&header.domain) },

@@ -18,7 +18,7 @@ fn cache() -> (TempDir, PathBuf) {
 }
 
 fn options(memory: u64, threads: usize) -> RenderOptions<'static> {
-    RenderOptions { memory, threads, progress: None }
+    RenderOptions { memory, threads, progress: None, fixed: None }
 }
 
 fn draw(path: &Path, scene: &Scene, memory: u64, threads: usize) -> Result<Rendered> {
@@ -137,4 +137,23 @@ fn an_unknown_field_lists_those_there_are() {
     assert!(other("\"density\"", "").is_ok());
     let message = other("\"density\"", "units = \"cgs\"\n").unwrap_err().to_string();
     assert!(message.contains("cgs"), "{message}");
+}
+
+#[test]
+fn a_fixed_setting_draws_what_the_scene_would() {
+    let (_folder, path) = cache();
+    let drawn = |text: &str, fixed: Option<FixedSetting>| {
+        let options = RenderOptions { fixed, ..options(1 << 30, 1) };
+        render(&Cache::open(&path, 16).unwrap(), &scene(text, 48, 32), &options).unwrap()
+    };
+    let fixed = |pixels_per_cell, rays_per_axis| {
+        Some(FixedSetting { pixels_per_cell, rays_per_axis, relative_accuracy: 0.0 })
+    };
+    let other = "samples = 1\ntolerance = 1e-7";
+    let exact = drawn("samples = 3\ntolerance = 0", None);
+    let all_levels = drawn(other, fixed(0.0, 3));
+    assert!(all_levels.film == exact.film && all_levels.stats.error_bound.is_none());
+    let coarse = drawn(other, fixed(1e6, 1)).stats;
+    assert!(coarse.bricks_loaded < exact.stats.bricks_loaded);
+    assert!(coarse.bricks_skipped_resolution > 0);
 }
