@@ -1,0 +1,182 @@
+//! `deepfield bench tolerance`.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::Args;
+
+use super::fixed::{self, Rival};
+use super::measure::Bench;
+use super::plot::{Line, Mark, Plot, Series};
+use super::reference::Reference;
+use super::renderer::{Cost, Limits, Renderer};
+use super::table::{self, Row};
+use crate::atomic_file::AtomicFile;
+use crate::cli::output::Output;
+use crate::cli::progress::Bar;
+use crate::scene::Scene;
+use crate::{Error, Result};
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// The cache
+    cache: PathBuf,
+    /// The scene (TOML)
+    scene: PathBuf,
+    /// Tolerances, parts of the picture's largest value; the exact picture always follows
+    #[arg(long, value_name = "LIST", default_value = "1e-1,3e-2,1e-2,3e-3,1e-3,3e-4,1e-4,1e-5")]
+    tolerances: String,
+    /// Write tolerance.csv and the plots seconds.svg, bytes.svg and samples.svg to this folder too
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Compare with the fastest setting picked by hand that reaches the same error
+    #[arg(long)]
+    fixed: bool,
+    /// Time for the reference of a scene with samples = "area": its rays are doubled while they
+    /// fit
+    #[arg(long, value_name = "S", default_value_t = 60)]
+    reference_seconds: u32,
+    #[command(flatten)]
+    limits: Limits,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let tolerances = parse_tolerances(&arguments.tolerances)?;
+    let samples = Scene::load(&arguments.scene)?.render.samples;
+    let renderer = Renderer::new(&arguments.limits)?;
+    let Arguments { cache, scene, output, .. } = arguments;
+    if let Some(folder) = output {
+        std::fs::create_dir_all(folder)
+            .map_err(|source| Error::io(folder, "cannot make the folder", source))?;
+    }
+    let budget = Duration::from_secs(arguments.reference_seconds.into());
+    let reference = Reference::new(&renderer, (cache, scene), samples, budget)?;
+    let bench = Bench { renderer: &renderer, cache, scene, reference: &reference };
+    let mut rows = measure_rows(&bench, &tolerances)?;
+    let mut rivals =
+        if arguments.fixed { Some(fixed::measure_all(&bench, samples)?) } else { None };
+    time_again(&bench, &mut rows, rivals.as_deref_mut(), arguments.limits.repeat)?;
+    let text = table::sweep(&rows, &reference, rivals.as_deref())?;
+    if let Some(folder) = output {
+        write(&folder.join("tolerance.csv"), &text)?;
+        let name = scene.file_stem().unwrap_or_default().to_string_lossy();
+        write_plots(folder, &name, &rows, &reference, rivals.as_deref().unwrap_or_default())?;
+    }
+    let mut output = Output::new();
+    text.lines().try_for_each(|line| output.line(line))?;
+    output.finish()
+}
+
+/// Numbers above 0 and at most 1, separated by commas.
+fn parse_tolerances(list: &str) -> Result<Vec<f64>> {
+    let parse = |text: &str| {
+        let tolerance = text.trim().parse().ok().filter(|t: &f64| *t > 0.0 && *t <= 1.0);
+        tolerance.ok_or_else(|| {
+            let text = text.escape_debug();
+            Error::request(format!(
+                "--tolerances: `{text}` is no part of the picture's largest value: write numbers \
+                 above 0 and at most 1, as in 1e-1,1e-2,1e-3"
+            ))
+        })
+    };
+    list.split(',').map(parse).collect()
+}
+
+fn measure_rows(bench: &Bench<'_>, tolerances: &[f64]) -> Result<Vec<Row>> {
+    let bar = Bar::new("tolerance", "pictures");
+    let all = tolerances.iter().copied().chain([0.0]);
+    let row = |(done, tolerance): (u64, f64)| {
+        bar.show("tolerance", done, tolerances.len() as u64 + 1);
+        let text = if tolerance > 0.0 { format!("{}%", 100.0 * tolerance) } else { "0".into() };
+        Ok(Row { tolerance, measured: bench.measure(vec!["--tolerance".into(), text])? })
+    };
+    (0..).zip(all).map(row).collect()
+}
+
+/// Rows and their rivals take turns, so that what slows the machine down slows both.
+fn time_again(
+    bench: &Bench<'_>,
+    rows: &mut [Row],
+    mut rivals: Option<&mut [Rival]>,
+    repeat: u32,
+) -> Result<()> {
+    let bar = Bar::new("again", "rounds");
+    let errors: Vec<f64> =
+        rows.iter().map(|row| table::reachable(&row.measured, bench.reference)).collect();
+    for round in 1..repeat {
+        bar.show("again", round.into(), repeat.into());
+        rows.iter_mut().try_for_each(|row| bench.time_again(&mut row.measured))?;
+        if let Some(rivals) = rivals.as_deref_mut() {
+            fixed::time_again(bench, rivals, &errors)?;
+        }
+    }
+    Ok(())
+}
+
+fn write_plots(
+    folder: &Path,
+    scene: &str,
+    rows: &[Row],
+    reference: &Reference,
+    rivals: &[Rival],
+) -> Result<()> {
+    let quantities: [(&str, &str, fn(&Cost, f64) -> f64); 3] = [
+        ("seconds", "time (s)", |_, seconds| seconds),
+        ("bytes", "bytes read", |cost, _| cost.bytes_read as f64),
+        ("samples", "samples", |cost, _| cost.samples as f64),
+    ];
+    for (name, label, quantity) in quantities {
+        let plot = plot(&format!("{scene}: {label}"), label, quantity, rows, reference, rivals);
+        write(&folder.join(format!("{name}.svg")), &plot.svg())?;
+    }
+    Ok(())
+}
+
+/// `quantity` of all pictures against their errors.
+fn plot(
+    title: &str,
+    label: &str,
+    quantity: fn(&Cost, f64) -> f64,
+    rows: &[Row],
+    reference: &Reference,
+    rivals: &[Rival],
+) -> Plot {
+    let scale = reference.largest_value().recip();
+    let value = |row: &Row| quantity(&row.measured.cost, row.measured.seconds);
+    let rival = |rival: &Rival| {
+        let Rival { measured, .. } = rival;
+        [scale * measured.error, quantity(&measured.cost, measured.seconds)]
+    };
+    let approximate = || rows.iter().filter(|row| row.tolerance > 0.0);
+    let measured = approximate().map(|row| [scale * row.measured.error, value(row)]);
+    let bound =
+        approximate().filter_map(|row| Some([scale * row.measured.cost.error_bound?, value(row)]));
+    let exact = rows.iter().find(|row| row.tolerance == 0.0).map(value);
+    Plot {
+        title: title.to_owned(),
+        x_label: "error / largest value of the picture".to_owned(),
+        y_label: label.to_owned(),
+        series: vec![
+            Series::new("set by hand", Mark::Dots, rivals.iter().map(rival)),
+            Series::new("certified bound", Mark::Joined, bound),
+            Series::new("measured error", Mark::Joined, measured),
+        ],
+        lines: vec![
+            Line { name: "exact".into(), is_vertical: false, at: exact.unwrap_or(0.0) },
+            Line {
+                name: "reference's own change".into(),
+                is_vertical: true,
+                at: scale * reference.change,
+            },
+        ],
+    }
+}
+
+fn write(path: &Path, text: &str) -> Result<()> {
+    let file = AtomicFile::create(path)?;
+    file.file()
+        .write_all(text.as_bytes())
+        .map_err(|source| Error::io(path, "cannot write", source))?;
+    file.commit()
+}
