@@ -1,7 +1,7 @@
 //! `deepfield bench` on small sets: tables that parse, errors that are right, plots, and refusals.
 
 // What tests share fails as a test does.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::panic)]
 
 mod support;
 

@@ -1,6 +1,6 @@
 //! `deepfield bench depth`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
@@ -47,7 +47,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     output.finish()
 }
 
-fn row(path: &PathBuf, cost: &Cost, first: f64) -> Result<Columns> {
+fn row(path: &Path, cost: &Cost, first: f64) -> Result<Columns> {
     let cache = Cache::open(path, 1)?;
     let header = cache.header();
     let deepest = header.levels.iter().filter_map(|level| level.simulation).max();

@@ -4,6 +4,7 @@ mod depth;
 mod fixed;
 mod measure;
 mod plot;
+mod plots;
 mod reference;
 mod renderer;
 mod table;

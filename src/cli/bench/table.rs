@@ -50,7 +50,7 @@ pub(super) fn csv(rows: &[Columns]) -> Result<String> {
 
 /// A column.
 pub(super) fn column(name: impl Into<String>, value: impl ToString) -> (String, String) {
-    (name.into(), value.to_string())
+    optional(name, Some(value))
 }
 
 /// A column that may be empty.

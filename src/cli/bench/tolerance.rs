@@ -8,9 +8,9 @@ use clap::Args;
 
 use super::fixed::{self, Rival};
 use super::measure::Bench;
-use super::plot::{Line, Mark, Plot, Series};
+use super::plots::plots;
 use super::reference::Reference;
-use super::renderer::{Cost, Limits, Renderer};
+use super::renderer::{Limits, Renderer};
 use super::table::{self, Row};
 use crate::atomic_file::AtomicFile;
 use crate::cli::output::Output;
@@ -25,7 +25,11 @@ pub(super) struct Arguments {
     /// The scene (TOML)
     scene: PathBuf,
     /// Tolerances, parts of the picture's largest value; the exact picture always follows
-    #[arg(long, value_name = "LIST", default_value = "1e-1,3e-2,1e-2,3e-3,1e-3,3e-4,1e-4,1e-5")]
+    #[arg(
+        long,
+        value_name = "LIST",
+        default_value = "1e-1,3e-2,1e-2,3e-3,1e-3,3e-4,1e-4,3e-5,1e-5"
+    )]
     tolerances: String,
     /// Write tolerance.csv and the plots seconds.svg, bytes.svg and samples.svg to this folder too
     #[arg(short, long, value_name = "DIR")]
@@ -61,7 +65,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(folder) = output {
         write(&folder.join("tolerance.csv"), &text)?;
         let name = scene.file_stem().unwrap_or_default().to_string_lossy();
-        write_plots(folder, &name, &rows, &reference, rivals.as_deref().unwrap_or_default())?;
+        for (file, plot) in plots(&name, &rows, &reference, rivals.as_deref().unwrap_or_default()) {
+            write(&folder.join(file), &plot.svg())?;
+        }
     }
     let mut output = Output::new();
     text.lines().try_for_each(|line| output.line(line))?;
@@ -112,65 +118,6 @@ fn time_again(
         }
     }
     Ok(())
-}
-
-fn write_plots(
-    folder: &Path,
-    scene: &str,
-    rows: &[Row],
-    reference: &Reference,
-    rivals: &[Rival],
-) -> Result<()> {
-    let quantities: [(&str, &str, fn(&Cost, f64) -> f64); 3] = [
-        ("seconds", "time (s)", |_, seconds| seconds),
-        ("bytes", "bytes read", |cost, _| cost.bytes_read as f64),
-        ("samples", "samples", |cost, _| cost.samples as f64),
-    ];
-    for (name, label, quantity) in quantities {
-        let plot = plot(&format!("{scene}: {label}"), label, quantity, rows, reference, rivals);
-        write(&folder.join(format!("{name}.svg")), &plot.svg())?;
-    }
-    Ok(())
-}
-
-/// `quantity` of all pictures against their errors.
-fn plot(
-    title: &str,
-    label: &str,
-    quantity: fn(&Cost, f64) -> f64,
-    rows: &[Row],
-    reference: &Reference,
-    rivals: &[Rival],
-) -> Plot {
-    let scale = reference.largest_value().recip();
-    let value = |row: &Row| quantity(&row.measured.cost, row.measured.seconds);
-    let rival = |rival: &Rival| {
-        let Rival { measured, .. } = rival;
-        [scale * measured.error, quantity(&measured.cost, measured.seconds)]
-    };
-    let approximate = || rows.iter().filter(|row| row.tolerance > 0.0);
-    let measured = approximate().map(|row| [scale * row.measured.error, value(row)]);
-    let bound =
-        approximate().filter_map(|row| Some([scale * row.measured.cost.error_bound?, value(row)]));
-    let exact = rows.iter().find(|row| row.tolerance == 0.0).map(value);
-    Plot {
-        title: title.to_owned(),
-        x_label: "error / largest value of the picture".to_owned(),
-        y_label: label.to_owned(),
-        series: vec![
-            Series::new("set by hand", Mark::Dots, rivals.iter().map(rival)),
-            Series::new("certified bound", Mark::Joined, bound),
-            Series::new("measured error", Mark::Joined, measured),
-        ],
-        lines: vec![
-            Line { name: "exact".into(), is_vertical: false, at: exact.unwrap_or(0.0) },
-            Line {
-                name: "reference's own change".into(),
-                is_vertical: true,
-                at: scale * reference.change,
-            },
-        ],
-    }
 }
 
 fn write(path: &Path, text: &str) -> Result<()> {
