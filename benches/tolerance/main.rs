@@ -90,7 +90,7 @@ impl Found {
         let path = folder.join(format!("{name}.toml"));
         std::fs::write(&path, scene).map_err(|why| Error::io(&path, "cannot write", why))?;
         let outcome = Command::new(PROGRAM)
-            .args(["bench", "tolerance", "--fixed", "--threads=1", "--reference-seconds=10"])
+            .args(["bench", "tolerance", "--fixed", "--threads=1", "--reference-seconds=5"])
             .arg("--tolerances=1e-1,1e-2,1e-3")
             .args([cache, &path])
             .output()

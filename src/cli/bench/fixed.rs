@@ -15,6 +15,9 @@ const ACCURACIES: [f64; 2] = [0.0, 1e-3];
 /// Of the settings that reach an error, as many are timed again: the fastest.
 const TIMED_AGAIN: usize = 2;
 
+/// A rival this many times as slow as the slowest of what it is compared with has lost.
+const TOO_SLOW: f64 = 2.0;
+
 /// A setting and its picture.
 #[derive(Debug, Clone)]
 pub(super) struct Rival {
@@ -24,18 +27,37 @@ pub(super) struct Rival {
     pub(super) measured: Measured,
 }
 
-/// All settings, each rendered once.
+/// What rivals are tried for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Goal {
+    /// The least error that they need to reach.
+    pub(super) error: f64,
+    /// The time of which more than [`TOO_SLOW`] times is no rival's, seconds.
+    pub(super) seconds: f64,
+}
+
+/// All settings by which the fastest that reaches some error can be told, each rendered once.
+/// More rays take longer: they are not tried where fewer reach the goal, or are too slow already;
+/// nor are as many as the reference has, which would be compared with themselves.
 ///
 /// # Errors
 /// Whatever a render says.
-pub(super) fn measure_all(bench: &Bench<'_>, samples: Samples) -> Result<Vec<Rival>> {
-    let (bar, settings) = (Bar::new("fixed", "settings"), grid(samples));
-    let total = settings.len() as u64;
-    let rival = |(done, setting): (u64, FixedSetting)| {
-        bar.show("fixed", done, total);
-        Ok(Rival { setting, measured: bench.measure(options(&setting))? })
-    };
-    (0..total).zip(settings).map(rival).collect()
+pub(super) fn measure_all(bench: &Bench<'_>, samples: Samples, goal: Goal) -> Result<Vec<Rival>> {
+    let bar = Bar::new("fixed", "settings");
+    let (families, mut rivals) = (families(samples, bench.reference.rays), Vec::new());
+    for (done, family) in (0..).zip(&families) {
+        bar.show("fixed", done, families.len() as u64);
+        for setting in family {
+            let measured = bench.measure(options(setting))?;
+            let is_enough =
+                measured.error <= goal.error || measured.seconds > TOO_SLOW * goal.seconds;
+            rivals.push(Rival { setting: *setting, measured });
+            if is_enough {
+                break;
+            }
+        }
+    }
+    Ok(rivals)
 }
 
 /// Times the rivals again that may be the best at one of these `errors`.
@@ -62,21 +84,19 @@ pub(super) fn best(rivals: &[Rival], error: f64) -> Option<&Rival> {
     reaching.min_by(|a, b| a.measured.seconds.total_cmp(&b.measured.seconds))
 }
 
-/// All settings that make sense: other rays than the truth's own would miss it.
-fn grid(samples: Samples) -> Vec<FixedSetting> {
+/// All settings that make sense (other rays than the truth's own would miss it), those that differ
+/// in their rays alone together.
+fn families(samples: Samples, most_rays: u32) -> Vec<Vec<FixedSetting>> {
     let rays = match samples {
-        Samples::Area => RAYS.to_vec(),
+        Samples::Area => RAYS.iter().copied().filter(|rays| *rays < most_rays).collect(),
         Samples::Grid(rays) => vec![rays],
     };
-    let mut settings = Vec::new();
-    for pixels_per_cell in PIXELS {
-        for rays_per_axis in rays.iter().copied() {
-            for relative_accuracy in ACCURACIES {
-                settings.push(FixedSetting { pixels_per_cell, rays_per_axis, relative_accuracy });
-            }
-        }
-    }
-    settings
+    let family = |pixels_per_cell: f64, relative_accuracy: f64| {
+        let setting =
+            |&rays_per_axis| FixedSetting { pixels_per_cell, rays_per_axis, relative_accuracy };
+        rays.iter().map(setting).collect()
+    };
+    PIXELS.iter().flat_map(|pixels| ACCURACIES.map(|accuracy| family(*pixels, accuracy))).collect()
 }
 
 fn options(setting: &FixedSetting) -> Vec<String> {

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use clap::Args;
 
-use super::fixed::{self, Rival};
+use super::fixed::{self, Goal, Rival};
 use super::measure::Bench;
 use super::plots::plots;
 use super::reference::Reference;
@@ -58,8 +58,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let reference = Reference::new(&renderer, (cache, scene), samples, budget)?;
     let bench = Bench { renderer: &renderer, cache, scene, reference: &reference };
     let mut rows = measure_rows(&bench, &tolerances)?;
-    let mut rivals =
-        if arguments.fixed { Some(fixed::measure_all(&bench, samples)?) } else { None };
+    let rivals = arguments.fixed.then(|| fixed::measure_all(&bench, samples, goal(&bench, &rows)));
+    let mut rivals = rivals.transpose()?;
     time_again(&bench, &mut rows, rivals.as_deref_mut(), arguments.limits.repeat)?;
     let text = table::sweep(&rows, &reference, rivals.as_deref())?;
     if let Some(folder) = output {
@@ -98,6 +98,17 @@ fn measure_rows(bench: &Bench<'_>, tolerances: &[f64]) -> Result<Vec<Row>> {
         Ok(Row { tolerance, measured: bench.measure(vec!["--tolerance".into(), text])? })
     };
     (0..).zip(all).map(row).collect()
+}
+
+/// What rivals are tried for: the least error of all rows, and no longer than those by tolerance
+/// take.
+fn goal(bench: &Bench<'_>, rows: &[Row]) -> Goal {
+    let errors = rows.iter().map(|row| table::reachable(&row.measured, bench.reference));
+    let approximate = rows.iter().filter(|row| row.tolerance > 0.0);
+    Goal {
+        error: errors.fold(f64::INFINITY, f64::min),
+        seconds: approximate.map(|row| row.measured.seconds).fold(0.0, f64::max),
+    }
 }
 
 /// Rows and their rivals take turns, so that what slows the machine down slows both.
