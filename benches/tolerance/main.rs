@@ -18,7 +18,7 @@ use views::{Random, SETS, Set, scene};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_deepfield");
 /// Pixels of a picture's edge.
-const SIZE: u32 = 48;
+const SIZE: u32 = 32;
 const SCENES: usize = 56;
 const SEED: u64 = 2026;
 /// Published scenes, each with its recipe; at [`SIZE`] as well.
@@ -42,8 +42,8 @@ fn main() -> Result<()> {
         caches.insert(set.name, make_cache(set, folder.path())?);
     }
     println!(
-        "{:<20}{:>9}{:>12}{:>13}{:>11}{:>13}",
-        "scene", "asked", "error", "bound/error", "seconds", "over fixed"
+        "{:<20}{:>6}{:>9}{:>12}{:>13}{:>11}{:>13}",
+        "scene", "rays", "asked", "error", "bound/error", "seconds", "over fixed"
     );
     let (mut random, mut found) = (Random(SEED), Found::default());
     for (n, set) in (0..count).zip(SETS.iter().cycle()) {
@@ -90,7 +90,7 @@ impl Found {
         let path = folder.join(format!("{name}.toml"));
         std::fs::write(&path, scene).map_err(|why| Error::io(&path, "cannot write", why))?;
         let outcome = Command::new(PROGRAM)
-            .args(["bench", "tolerance", "--fixed", "--threads=1", "--reference-seconds=5"])
+            .args(["bench", "tolerance", "--fixed", "--threads=1", "--reference-seconds=20"])
             .arg("--tolerances=1e-1,1e-2,1e-3")
             .args([cache, &path])
             .output()
@@ -112,7 +112,8 @@ impl Found {
     fn add(&mut self, name: &str, row: &Row) {
         let show = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
         println!(
-            "{name:<20}{:>9}{:>12.2e}{:>13}{:>11.4}{:>13}",
+            "{name:<20}{:>6}{:>9}{:>12.2e}{:>13}{:>11.4}{:>13}",
+            row.reference_rays,
             row.tolerance,
             row.error,
             show(row.bound_over_error),
@@ -155,6 +156,7 @@ struct Row {
     error: f64,
     bound_over_error: Option<f64>,
     seconds: f64,
+    reference_rays: u32,
     reference_change: f64,
     seconds_over_fixed: Option<f64>,
 }
