@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done; 1 a failure, told in one line on stderr; 2 wrong usage.
 
+mod bench;
 mod demo;
 mod info;
 mod ingest;
@@ -44,6 +45,8 @@ enum Command {
     Verify(verify::Arguments),
     /// Write a synthetic data set in the layout of a simulation code
     Synth(synth::Arguments),
+    /// Measure time against error
+    Bench(bench::Arguments),
 }
 
 /// Runs the program on the process' arguments.
@@ -63,6 +66,7 @@ pub fn run() -> ExitCode {
         Command::Render(arguments) => render::run(arguments),
         Command::Verify(arguments) => verify::run(arguments),
         Command::Synth(arguments) => synth::run(arguments),
+        Command::Bench(arguments) => bench::run(arguments),
     });
     match outcome {
         Ok(Ok(())) => ExitCode::SUCCESS,

@@ -1,0 +1,65 @@
+//! `deepfield bench depth`.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::renderer::{Cost, Limits, Renderer};
+use super::table::{Columns, column, counts, csv, number, optional};
+use crate::Result;
+use crate::cache::Cache;
+use crate::cli::output::Output;
+use crate::cli::progress::Bar;
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// The scene (TOML), the same for all caches
+    scene: PathBuf,
+    /// The caches; times are compared with the first
+    #[arg(required = true)]
+    caches: Vec<PathBuf>,
+    /// Largest error: a number, or `p%` of the picture's largest value
+    #[arg(long, value_name = "T", default_value = "1%")]
+    tolerance: String,
+    #[command(flatten)]
+    limits: Limits,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let Arguments { scene, caches, tolerance, limits } = arguments;
+    let renderer = Renderer::new(limits)?;
+    let options = ["--tolerance".to_owned(), tolerance.clone()];
+    let render = |cache: &PathBuf| renderer.render(cache, scene, &options);
+    let mut costs = caches.iter().map(render).collect::<Result<Vec<_>>>()?;
+    let bar = Bar::new("again", "rounds");
+    for round in 1..limits.repeat {
+        bar.show("again", round.into(), limits.repeat.into());
+        for (cache, cost) in caches.iter().zip(&mut costs) {
+            cost.wall_seconds = cost.wall_seconds.min(render(cache)?.wall_seconds);
+        }
+    }
+    drop(bar);
+    let first = costs.first().map_or(0.0, |cost| cost.wall_seconds);
+    let rows = caches.iter().zip(&costs).map(|(cache, cost)| row(cache, cost, first));
+    let text = csv(&rows.collect::<Result<Vec<_>>>()?)?;
+    let mut output = Output::new();
+    text.lines().try_for_each(|line| output.line(line))?;
+    output.finish()
+}
+
+fn row(path: &Path, cost: &Cost, first: f64) -> Result<Columns> {
+    let cache = Cache::open(path, 1)?;
+    let header = cache.header();
+    let deepest = header.levels.iter().filter_map(|level| level.simulation).max();
+    let mut columns = vec![
+        column("cache", path.display()),
+        optional("deepest_level", deepest),
+        column("bricks_total", header.nodes()),
+        column("tolerance_absolute", number(cost.tolerance)),
+        optional("error_bound", cost.error_bound.map(number)),
+        column("seconds", cost.wall_seconds),
+        column("seconds_over_first", cost.wall_seconds / first),
+    ];
+    columns.extend(counts(cost));
+    Ok(columns)
+}

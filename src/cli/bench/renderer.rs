@@ -1,0 +1,146 @@
+//! Pictures made by `deepfield render` in processes of their own: peak memory and a cold start
+//! are those of one picture then.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use clap::Args;
+use serde::Deserialize;
+use tempfile::TempDir;
+
+use crate::cli::size;
+use crate::image::Film;
+use crate::{Error, Result};
+
+/// How all pictures of a benchmark are made.
+#[derive(Debug, Clone, Args)]
+pub(super) struct Limits {
+    /// Memory limit of each render
+    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse)]
+    memory: u64,
+    /// Threads (default: all cores)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Option<u32>,
+    /// Renders of each picture; the best time counts
+    #[arg(
+        long, value_name = "N", default_value_t = 3,
+        value_parser = clap::value_parser!(u32).range(1..=1000)
+    )]
+    pub(super) repeat: u32,
+}
+
+/// What one picture took, as its stats say; of keys that they may lack, nothing.
+#[derive(Debug, Clone, Deserialize)]
+pub(super) struct Cost {
+    /// Opening and rendering, without writing the picture, seconds.
+    pub(super) wall_seconds: f64,
+    /// Tolerance as used, absolute.
+    pub(super) tolerance: f64,
+    /// The certified bound, absolute.
+    pub(super) error_bound: Option<f64>,
+    /// Largest share of each part of the bound.
+    pub(super) error_shares: Option<BTreeMap<String, Option<f64>>>,
+    /// Bytes of payloads read.
+    pub(super) bytes_read: u64,
+    /// Bytes of payloads after decompression.
+    pub(super) bytes_decompressed: u64,
+    /// Bricks loaded, each counted once.
+    pub(super) bricks_loaded: u64,
+    /// Stretches of rays that were integrated.
+    pub(super) samples: u64,
+    /// Rays, over the whole picture.
+    pub(super) rays: Option<u64>,
+    /// Largest resident set of the process, bytes.
+    pub(super) peak_rss_bytes: Option<u64>,
+}
+
+/// Runs this program's own `render`.
+#[derive(Debug)]
+pub(super) struct Renderer {
+    program: PathBuf,
+    folder: TempDir,
+    limits: Vec<String>,
+}
+
+impl Renderer {
+    /// A renderer within `limits`.
+    ///
+    /// # Errors
+    /// A system that gives no temporary folder or does not say where this program lies.
+    pub(super) fn new(limits: &Limits) -> Result<Self> {
+        let program = std::env::current_exe()
+            .map_err(|source| Error::io("deepfield", "cannot find this program", source))?;
+        let folder = TempDir::new()
+            .map_err(|source| Error::io(std::env::temp_dir(), "cannot make a folder", source))?;
+        let mut words = vec!["--memory".to_owned(), limits.memory.to_string()];
+        words.extend(limits.threads.map(|threads| format!("--threads={threads}")));
+        Ok(Self { program, folder, limits: words })
+    }
+
+    /// Renders `scene` from `cache` with further `options` of `deepfield render`.
+    ///
+    /// # Errors
+    /// Whatever the render says.
+    pub(super) fn render(&self, cache: &Path, scene: &Path, options: &[String]) -> Result<Cost> {
+        let outcome = Command::new(&self.program)
+            .arg("render")
+            .args(options)
+            .args(&self.limits)
+            .arg("-o")
+            .arg(self.picture_path())
+            .arg("--stats")
+            .arg(self.stats_path())
+            .arg("--")
+            .args([cache, scene])
+            .stdin(Stdio::null())
+            .output()
+            .map_err(|source| Error::io(&self.program, "cannot start", source))?;
+        if !outcome.status.success() {
+            return Err(failure(&outcome.stderr, outcome.status));
+        }
+        let path = self.stats_path();
+        let text = std::fs::read(&path)
+            .map_err(|source| Error::io(&path, "cannot read the stats", source))?;
+        serde_json::from_slice(&text)
+            .map_err(|error| Error::invalid(path.display(), error.to_string()))
+    }
+
+    /// The picture of the last render.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub(super) fn picture(&self) -> Result<Film> {
+        let path = self.picture_path();
+        let image = exr::prelude::read_first_rgba_layer_from_file(
+            &path,
+            |size, _| (size.width(), vec![[0.0; 4]; size.area()]),
+            |(width, pixels): &mut (usize, Vec<[f32; 4]>), at, (r, g, b, a)| {
+                pixels[at.y() * *width + at.x()] = [r, g, b, a];
+            },
+        )
+        .map_err(|error| Error::invalid(path.display(), error.to_string()))?;
+        let (width, pixels) = image.layer_data.channel_data.pixels;
+        let side = |pixels: usize| u32::try_from(pixels).unwrap_or(u32::MAX);
+        let mut film = Film::new(side(width), side(pixels.len() / width.max(1)))?;
+        film.write_rectangle(0, 0, side(width), &pixels)?;
+        Ok(film)
+    }
+
+    fn picture_path(&self) -> PathBuf {
+        self.folder.path().join("picture.exr")
+    }
+
+    fn stats_path(&self) -> PathBuf {
+        self.folder.path().join("stats.json")
+    }
+}
+
+/// The render's own words, without its "error: ".
+fn failure(stderr: &[u8], status: std::process::ExitStatus) -> Error {
+    let said = String::from_utf8_lossy(stderr);
+    match said.lines().find_map(|line| line.strip_prefix("error: ")) {
+        Some(reason) => Error::request(reason),
+        None => Error::request(format!("a render ended without a word: {status}")),
+    }
+}

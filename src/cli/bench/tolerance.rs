@@ -1,0 +1,140 @@
+//! `deepfield bench tolerance`.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::Args;
+
+use super::fixed::{self, Goal, Rival};
+use super::measure::Bench;
+use super::plots::plots;
+use super::reference::Reference;
+use super::renderer::{Limits, Renderer};
+use super::table::{self, Row};
+use crate::atomic_file::AtomicFile;
+use crate::cli::output::Output;
+use crate::cli::progress::Bar;
+use crate::scene::Scene;
+use crate::{Error, Result};
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// The cache
+    cache: PathBuf,
+    /// The scene (TOML)
+    scene: PathBuf,
+    /// Tolerances, parts of the picture's largest value; the exact picture always follows
+    #[arg(
+        long,
+        value_name = "LIST",
+        default_value = "1e-1,3e-2,1e-2,3e-3,1e-3,3e-4,1e-4,3e-5,1e-5"
+    )]
+    tolerances: String,
+    /// Write tolerance.csv and the plots seconds.svg, bytes.svg and samples.svg to this folder too
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Compare with the fastest setting picked by hand that reaches the same error
+    #[arg(long)]
+    fixed: bool,
+    /// Time for the reference of a scene with samples = "area": its rays are doubled while they
+    /// fit
+    #[arg(long, value_name = "S", default_value_t = 60)]
+    reference_seconds: u32,
+    #[command(flatten)]
+    limits: Limits,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let tolerances = parse_tolerances(&arguments.tolerances)?;
+    let samples = Scene::load(&arguments.scene)?.render.samples;
+    let renderer = Renderer::new(&arguments.limits)?;
+    let Arguments { cache, scene, output, .. } = arguments;
+    if let Some(folder) = output {
+        std::fs::create_dir_all(folder)
+            .map_err(|source| Error::io(folder, "cannot make the folder", source))?;
+    }
+    let budget = Duration::from_secs(arguments.reference_seconds.into());
+    let reference = Reference::new(&renderer, (cache, scene), samples, budget)?;
+    let bench = Bench { renderer: &renderer, cache, scene, reference: &reference };
+    let mut rows = measure_rows(&bench, &tolerances)?;
+    let rivals = arguments.fixed.then(|| fixed::measure_all(&bench, samples, goal(&bench, &rows)));
+    let mut rivals = rivals.transpose()?;
+    time_again(&bench, &mut rows, rivals.as_deref_mut(), arguments.limits.repeat)?;
+    let text = table::sweep(&rows, &reference, rivals.as_deref())?;
+    if let Some(folder) = output {
+        write(&folder.join("tolerance.csv"), &text)?;
+        let name = scene.file_stem().unwrap_or_default().to_string_lossy();
+        for (file, plot) in plots(&name, &rows, &reference, rivals.as_deref().unwrap_or_default()) {
+            write(&folder.join(file), &plot.svg())?;
+        }
+    }
+    let mut output = Output::new();
+    text.lines().try_for_each(|line| output.line(line))?;
+    output.finish()
+}
+
+/// Numbers above 0 and at most 1, separated by commas.
+fn parse_tolerances(list: &str) -> Result<Vec<f64>> {
+    let parse = |text: &str| {
+        let tolerance = text.trim().parse().ok().filter(|t: &f64| *t > 0.0 && *t <= 1.0);
+        tolerance.ok_or_else(|| {
+            let text = text.escape_debug();
+            Error::request(format!(
+                "--tolerances: `{text}` is no part of the picture's largest value: write numbers \
+                 above 0 and at most 1, as in 1e-1,1e-2,1e-3"
+            ))
+        })
+    };
+    list.split(',').map(parse).collect()
+}
+
+fn measure_rows(bench: &Bench<'_>, tolerances: &[f64]) -> Result<Vec<Row>> {
+    let bar = Bar::new("tolerance", "pictures");
+    let all = tolerances.iter().copied().chain([0.0]);
+    let row = |(done, tolerance): (u64, f64)| {
+        bar.show("tolerance", done, tolerances.len() as u64 + 1);
+        let text = if tolerance > 0.0 { format!("{}%", 100.0 * tolerance) } else { "0".into() };
+        Ok(Row { tolerance, measured: bench.measure(vec!["--tolerance".into(), text])? })
+    };
+    (0..).zip(all).map(row).collect()
+}
+
+/// What rivals are tried for: the least error of all rows, and no longer than those by tolerance
+/// take.
+fn goal(bench: &Bench<'_>, rows: &[Row]) -> Goal {
+    let errors = rows.iter().map(|row| table::reachable(&row.measured, bench.reference));
+    let approximate = rows.iter().filter(|row| row.tolerance > 0.0);
+    Goal {
+        error: errors.fold(f64::INFINITY, f64::min),
+        seconds: approximate.map(|row| row.measured.seconds).fold(0.0, f64::max),
+    }
+}
+
+/// Rows and their rivals take turns, so that what slows the machine down slows both.
+fn time_again(
+    bench: &Bench<'_>,
+    rows: &mut [Row],
+    mut rivals: Option<&mut [Rival]>,
+    repeat: u32,
+) -> Result<()> {
+    let bar = Bar::new("again", "rounds");
+    let errors: Vec<f64> =
+        rows.iter().map(|row| table::reachable(&row.measured, bench.reference)).collect();
+    for round in 1..repeat {
+        bar.show("again", round.into(), repeat.into());
+        rows.iter_mut().try_for_each(|row| bench.time_again(&mut row.measured))?;
+        if let Some(rivals) = rivals.as_deref_mut() {
+            fixed::time_again(bench, rivals, &errors)?;
+        }
+    }
+    Ok(())
+}
+
+fn write(path: &Path, text: &str) -> Result<()> {
+    let file = AtomicFile::create(path)?;
+    file.file()
+        .write_all(text.as_bytes())
+        .map_err(|source| Error::io(path, "cannot write", source))?;
+    file.commit()
+}

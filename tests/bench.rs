@@ -1,0 +1,171 @@
+//! `deepfield bench` on small sets: tables that parse, errors that are right, plots, and refusals.
+
+// What tests share fails as a test does.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+mod support;
+
+use std::collections::HashMap;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+use support::program::{names, run, written};
+use support::{IngestOptions, ingest, synth};
+use tempfile::TempDir;
+
+/// A small cache and a scene of 32×24 pixels with `samples`.
+fn cache_and_scene(samples: &str) -> (TempDir, PathBuf, PathBuf) {
+    let folder = TempDir::new().unwrap();
+    let dump = synth("small", folder.path()).unwrap();
+    let cache = ingest(&dump, folder.path(), "small", &IngestOptions::default()).unwrap();
+    let scene = format!(
+        "[image]\nwidth = 32\nheight = 24\n[camera]\nposition = [0.45, 0.4, -0.9]\n\
+         look_at = [0.45, 0.55, 0.4]\n[render]\nsamples = {samples}\n[[volume]]\n\
+         field = \"density\"\nscale = \"log10\"\nabsorption = [[0.0, 0.0], [1.0, 20.0]]\n"
+    );
+    let scene = written(folder.path(), "a scene.toml", &scene);
+    (folder, cache, scene)
+}
+
+/// The rows of a table, by the names of its columns.
+fn table(csv: &str) -> Vec<HashMap<String, String>> {
+    csv::Reader::from_reader(csv.as_bytes()).deserialize().map(Result::unwrap).collect()
+}
+
+fn number(row: &HashMap<String, String>, column: &str) -> f64 {
+    row[column].parse().unwrap_or_else(|_| panic!("{column}: {row:?}"))
+}
+
+fn bench(words: &[&dyn AsRef<OsStr>]) -> support::program::Ended {
+    run(&[&[&"bench" as &dyn AsRef<OsStr>], words, &[&"--threads=1"]].concat())
+}
+
+#[test]
+fn the_exact_picture_has_no_error_and_looser_ones_cost_less() {
+    let (folder, cache, scene) = cache_and_scene("1");
+    let plots = folder.path().join("made/plots");
+    let list = "--tolerances=1e-1,1e-3";
+    let ended = bench(&[&"tolerance", &cache, &scene, &list, &"--repeat=1", &"-o", &plots]).done();
+    let rows = table(&ended);
+    let tolerances: Vec<f64> = rows.iter().map(|row| number(row, "tolerance")).collect();
+    assert_eq!(tolerances, [0.1, 0.001, 0.0]);
+    let exact = &rows[2];
+    assert_eq!((number(exact, "error"), number(exact, "tolerance_absolute")), (0.0, 0.0));
+    assert_eq!(number(exact, "reference_rays"), 1.0);
+    for row in &rows {
+        let [seconds, bytes, samples] =
+            ["seconds", "bytes_read", "samples"].map(|c| number(row, c));
+        assert!(seconds > 0.0 && bytes > 0.0 && samples > 0.0);
+        assert!(bytes <= number(exact, "bytes_read"));
+        assert!(number(row, "error_relative") <= 1.0);
+        assert!(number(row, "peak_rss_bytes") > 1e6);
+    }
+    assert_eq!(names(&plots), ["bytes.svg", "samples.svg", "seconds.svg", "tolerance.csv"]);
+    assert_eq!(std::fs::read_to_string(plots.join("tolerance.csv")).unwrap(), ended);
+    for name in ["bytes", "samples", "seconds"] {
+        is_a_plot(&std::fs::read_to_string(plots.join(format!("{name}.svg"))).unwrap());
+    }
+}
+
+/// Every element is closed, and the axes and the legend have words.
+fn is_a_plot(svg: &str) {
+    assert!(svg.starts_with("<svg ") && svg.ends_with("</svg>\n"));
+    let inside = svg.lines().skip(1).filter(|line| !line.starts_with("<svg") && *line != "</svg>");
+    for line in inside.filter(|line| line.starts_with('<')) {
+        assert!(line.ends_with("/>") || line.ends_with("</text>"), "{line}");
+    }
+    for words in ["a scene", "measured error", "exact", "largest value of the picture"] {
+        assert!(svg.contains(words), "{words}: {svg}");
+    }
+    assert!(svg.contains("<polyline") || svg.matches("<circle").count() >= 2);
+    assert!(!svg.contains("NaN"));
+}
+
+#[test]
+fn the_reference_of_an_area_is_many_rays_and_tells_its_own_change() {
+    let (folder, cache, scene) = cache_and_scene("\"area\"");
+    let text = std::fs::read_to_string(scene).unwrap();
+    let smaller = text.replace("width = 32", "width = 16").replace("height = 24", "height = 12");
+    let scene = written(folder.path(), "smaller.toml", &smaller);
+    let words = ["--tolerances=1e-2", "--repeat=2", "--fixed", "--reference-seconds=1"];
+    let mut arguments: Vec<&dyn AsRef<OsStr>> = vec![&"tolerance", &cache, &scene];
+    arguments.extend(words.iter().map(|word| word as &dyn AsRef<OsStr>));
+    let rows = table(&bench(&arguments).done());
+    assert_eq!(rows.len(), 2);
+    for row in &rows {
+        let rays = number(row, "reference_rays");
+        assert!((2.0..=64.0).contains(&rays) && rays.log2().fract() == 0.0);
+        let change = number(row, "reference_change");
+        assert!(change > 0.0 && change < 0.3, "{change}");
+        // A rival is named only where it reaches what was measured.
+        if !row["fixed_seconds"].is_empty() {
+            assert!(number(row, "fixed_error") <= number(row, "error").max(change));
+            let ratio = number(row, "seconds") / number(row, "fixed_seconds");
+            assert!((ratio / number(row, "seconds_over_fixed") - 1.0).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn a_rival_that_is_the_exact_picture_is_found() {
+    let (_folder, cache, scene) = cache_and_scene("2");
+    let words: [&dyn AsRef<OsStr>; 6] =
+        [&"tolerance", &cache, &scene, &"--tolerances=1e-2", &"--fixed", &"--repeat=1"];
+    let rows = table(&bench(&words).done());
+    assert_eq!(number(&rows[1], "fixed_error"), 0.0, "all levels, 2×2 rays, exact");
+    assert_eq!(number(&rows[1], "fixed_rays_per_axis"), 2.0);
+}
+
+#[test]
+fn depths_are_compared_with_the_first() {
+    let (_folder, cache, scene) = cache_and_scene("1");
+    let words: [&dyn AsRef<OsStr>; 5] = [&"depth", &scene, &cache, &cache, &"--repeat=2"];
+    let rows = table(&bench(&words).done());
+    assert_eq!(rows.len(), 2);
+    assert_eq!(number(&rows[0], "seconds_over_first"), 1.0);
+    for row in &rows {
+        assert_eq!(number(row, "deepest_level"), 4.0);
+        assert_eq!(row["bytes_read"], rows[0]["bytes_read"]);
+    }
+}
+
+#[test]
+fn what_cannot_be_measured_is_one_clear_line() {
+    let (folder, cache, scene) = cache_and_scene("1");
+    let refused = |words: &[&dyn AsRef<OsStr>], what: &str| {
+        let line = bench(words).failed();
+        assert!(line.contains(what), "{line}");
+    };
+    for list in ["", "0", "1e-2,,1e-3", "-1", "nan", "2", "1%"] {
+        let list = format!("--tolerances={list}");
+        refused(&[&"tolerance", &cache, &scene, &list], "--tolerances");
+    }
+    let (absent, not_toml) = (folder.path().join("absent"), written(folder.path(), "x", "[["));
+    refused(&[&"tolerance", &absent, &scene], "absent");
+    refused(&[&"tolerance", &cache, &absent], "absent");
+    refused(&[&"tolerance", &cache, &not_toml], "x");
+    refused(&[&"tolerance", &cache, &scene, &"--memory=1MiB"], "smallest that works");
+    refused(&[&"tolerance", &cache, &scene, &"-o", &not_toml], "x");
+    refused(&[&"depth", &scene, &cache, &absent], "absent");
+    refused(&[&"depth", &scene, &cache, &"--tolerance=much"], "tolerance");
+    assert_eq!(bench(&[&"depth", &scene]).code, Some(2));
+    assert_eq!(bench(&[&"tolerance", &cache, &scene, &"--repeat=0"]).code, Some(2));
+    assert_eq!(bench(&[]).code, Some(2));
+}
+
+#[test]
+fn the_depth_recipes_differ_in_depth_alone() {
+    let recipes = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets_synthetic");
+    let read = |depth: u32| {
+        let text = std::fs::read_to_string(recipes.join(format!("depth{depth}.toml"))).unwrap();
+        let deepest = format!("max_level = {depth}\n");
+        assert!(text.contains(&deepest));
+        let rest = text.replace(&deepest, "");
+        let kept =
+            rest.lines().filter(|line| !line.starts_with("name =") && !line.starts_with('#'));
+        kept.map(String::from).collect::<Vec<_>>()
+    };
+    for depth in [3, 13, 25] {
+        assert_eq!(read(depth), read(48));
+    }
+}
