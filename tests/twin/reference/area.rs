@@ -1,0 +1,164 @@
+//! The average over a pixel's area: squares of it, divided where four rays and sixteen differ
+//! most, until the differences add up to no more than was asked for.
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+use super::super::Result;
+use super::specks::Speck;
+
+/// R, G, B, A.
+pub(crate) type Channels = [f64; 4];
+
+/// A pixel's value and how far it may be off: the convergence of each channel.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Converged {
+    pub(crate) value: Channels,
+    pub(crate) error: Channels,
+    pub(crate) rays: usize,
+}
+
+/// When to stop.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Effort {
+    /// Largest error of any channel.
+    pub(crate) accuracy: f64,
+    /// Most rays in one pixel.
+    pub(crate) most_rays: usize,
+}
+
+/// Places of Gauss' two points on 0 … 1.
+const GAUSS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
+/// Edge of a square over the edge of the smallest cell in it, at which its sixteen rays are one
+/// cell apart.
+const CELLS_ACROSS: f64 = 4.0;
+
+/// A square of a pixel.
+struct Square {
+    lo: [f64; 2],
+    edge: f64,
+    /// The mean over each quarter, from four rays each.
+    quarters: [Channels; 4],
+    /// How far the mean of four rays is from that of sixteen, times the square's area.
+    error: Channels,
+    /// What rays may have missed, as a value of the whole pixel.
+    hidden: f64,
+    specks: Vec<Speck>,
+}
+
+/// Averages rays over pixels.
+pub(crate) struct Averager<'a> {
+    /// The picture of a ray through a column and row.
+    pub(crate) ray: &'a dyn Fn([f64; 2]) -> Result<Channels>,
+    pub(crate) effort: Effort,
+}
+
+impl Square {
+    fn priority(&self) -> f64 {
+        self.error.into_iter().fold(self.hidden, f64::max)
+    }
+
+    fn mean(&self) -> Channels {
+        std::array::from_fn(|c| self.quarters.iter().map(|q| 0.25 * q[c]).sum())
+    }
+}
+
+impl Averager<'_> {
+    /// The average over the pixel whose upper left corner is `corner`.
+    pub(crate) fn pixel(&self, corner: [f64; 2], specks: &[Speck]) -> Result<Converged> {
+        let mut squares = BinaryHeap::new();
+        let mut rays = 0;
+        for n in 0..4 {
+            let lo = quarter(corner, 1.0, n);
+            let coarse = self.mean_of_four(lo, 0.5)?;
+            squares.push(Ranked(self.square(lo, 0.5, coarse, specks)?));
+            rays += 20;
+        }
+        let mut left: f64 = squares.iter().map(|square| square.0.priority()).sum();
+        while rays < self.effort.most_rays && left > self.effort.accuracy {
+            let Some(Ranked(worst)) = squares.pop() else { break };
+            for (n, coarse) in worst.quarters.into_iter().enumerate() {
+                let lo = quarter(worst.lo, worst.edge, n);
+                squares.push(Ranked(self.square(lo, 0.5 * worst.edge, coarse, &worst.specks)?));
+            }
+            rays += 64;
+            left = squares.iter().map(|square| square.0.priority()).sum();
+        }
+        Ok(summed(squares.into_iter().map(|ranked| ranked.0), rays))
+    }
+
+    /// A square of which four rays' mean is known.
+    fn square(
+        &self,
+        lo: [f64; 2],
+        edge: f64,
+        coarse: Channels,
+        specks: &[Speck],
+    ) -> Result<Square> {
+        let mut quarters = [[0.0; 4]; 4];
+        for (n, mean) in quarters.iter_mut().enumerate() {
+            *mean = self.mean_of_four(quarter(lo, edge, n), 0.5 * edge)?;
+        }
+        let meets = |s: &&Speck| (0..2).all(|a| s.lo[a] < lo[a] + edge && s.hi[a] > lo[a]);
+        let missable = |s: &&Speck| CELLS_ACROSS * s.size < edge;
+        let specks: Vec<Speck> =
+            specks.iter().filter(missable).filter(meets).copied().collect();
+        let mut square = Square { lo, edge, quarters, error: [0.0; 4], hidden: 0.0, specks };
+        let mean = square.mean();
+        square.error = std::array::from_fn(|c| (mean[c] - coarse[c]).abs() * edge * edge);
+        let brightest = quarters.iter().flat_map(|q| &q[..3]).fold(0.0_f64, |b, v| b.max(*v));
+        let sum = |part: fn(&Speck) -> f64| square.specks.iter().map(part).sum::<f64>();
+        let (light, shade) = (sum(|s| s.light), sum(|s| s.shade).min(edge * edge));
+        square.hidden = (light + shade * brightest).max(shade);
+        Ok(square)
+    }
+
+    fn mean_of_four(&self, lo: [f64; 2], edge: f64) -> Result<Channels> {
+        let mut mean = [0.0; 4];
+        for (x, y) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+            let seen = (self.ray)([lo[0] + edge * GAUSS[x], lo[1] + edge * GAUSS[y]])?;
+            mean.iter_mut().zip(seen).for_each(|(sum, value)| *sum += 0.25 * value);
+        }
+        Ok(mean)
+    }
+}
+
+/// The corner of quarter `n` of a square.
+fn quarter(lo: [f64; 2], edge: f64, n: usize) -> [f64; 2] {
+    [lo[0] + 0.5 * edge * (n & 1) as f64, lo[1] + 0.5 * edge * (n >> 1) as f64]
+}
+
+fn summed(squares: impl Iterator<Item = Square>, rays: usize) -> Converged {
+    let mut sum = Converged { value: [0.0; 4], error: [0.0; 4], rays };
+    for square in squares {
+        let (mean, area) = (square.mean(), square.edge * square.edge);
+        for c in 0..4 {
+            sum.value[c] += mean[c] * area;
+            sum.error[c] += square.error[c] + square.hidden;
+        }
+    }
+    sum
+}
+
+/// Ordered by what dividing the square may gain.
+struct Ranked(Square);
+
+impl Ord for Ranked {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.0.priority().total_cmp(&other.0.priority())
+    }
+}
+
+impl PartialOrd for Ranked {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Ranked {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Ranked {}
