@@ -24,6 +24,8 @@ pub(crate) mod picture;
 pub(crate) mod polynomial;
 pub(crate) mod reference;
 pub(crate) mod scene;
+pub(crate) mod scenes;
+pub(crate) mod subject;
 pub(crate) mod transfer;
 pub(crate) mod walk;
 
