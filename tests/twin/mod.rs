@@ -16,6 +16,7 @@ pub(crate) mod colormap;
 pub(crate) mod dataset;
 pub(crate) mod double_double;
 pub(crate) mod exact;
+pub(crate) mod flight;
 pub(crate) mod interpolant;
 pub(crate) mod march_cell;
 pub(crate) mod march_linear;

@@ -11,6 +11,7 @@ pub(crate) mod march;
 mod medium;
 mod polynomial;
 mod specks;
+mod surface;
 pub(crate) mod tree;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
