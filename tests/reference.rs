@@ -71,9 +71,8 @@ fn rays_equal_the_double_double_twins() -> twin::Result<()> {
 fn averages_of_a_gaussian_ball_converge_to_the_analytic_ones() -> twin::Result<()> {
     const SIGMA: f64 = 0.12;
     const PIXELS: usize = 6;
-    let along = |low: f64, high: f64| {
-        integral(low, high, |x| (-0.5 * ((x - 0.5) / SIGMA).powi(2)).exp())
-    };
+    let along =
+        |low: f64, high: f64| integral(low, high, |x| (-0.5 * ((x - 0.5) / SIGMA).powi(2)).exp());
     let edge = 1.0 / PIXELS as f64;
     let mean = |n: usize| along(n as f64 * edge, (n + 1) as f64 * edge) / edge;
     let mut errors = Vec::new();
@@ -168,10 +167,8 @@ fn averages_change_by_no_more_than_their_stated_error() -> twin::Result<()> {
             let text = with_samples(&trial.text, "\"area\"");
             let even = subject.reference(&with_samples(&text, "32"), EFFORT)?.picture;
             let coarse = subject.reference(&with_samples(&text, "16"), EFFORT)?.picture;
-            let efforts = [3e-2, 3e-3].map(|part| Effort {
-                accuracy: part * even.largest(),
-                most_rays: 3_000,
-            });
+            let efforts = [3e-2, 3e-3]
+                .map(|part| Effort { accuracy: part * even.largest(), most_rays: 3_000 });
             let few = subject.reference(&text, efforts[0])?;
             let many = subject.reference(&text, efforts[1])?;
             for n in 0..size[0] * size[1] {

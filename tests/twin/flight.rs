@@ -10,7 +10,7 @@ pub(crate) const FRAMES: usize = 100;
 /// Distance from the core at the beginning and end, in lengths of the domain.
 const DISTANCE: [f64; 2] = [1.4, 0.2];
 /// Decades below the largest value down to which the core shines.
-const CORE_DECADES: f64 = 0.5;
+const CORE_DECADES: f64 = 1.5;
 /// How far the core moves over the picture, of the view's height.
 const DRIFT: f64 = 0.45;
 
@@ -22,8 +22,8 @@ pub(crate) struct Flight<'a> {
 }
 
 impl<'a> Flight<'a> {
-    /// The densest cells shine so that from the first frame they are as bright as a pixel of
-    /// the cloud around.
+    /// The densest cells shine so that the pixel that holds them outshines the cloud from the
+    /// first frame on.
     pub(crate) fn new(dataset: &'a Dataset, size: [usize; 2]) -> Self {
         let top = dataset.maximum.log10();
         let bottom = dataset.smallest_positive.log10();
@@ -32,12 +32,12 @@ impl<'a> Flight<'a> {
         let domain = domain_size(dataset);
         let height = view_height(DISTANCE[0] * domain);
         let pixel = height / size[1] as f64;
-        let core = 4.0 * pixel * pixel / volume_above(dataset, limit);
+        let core = 10.0 * pixel * pixel / volume_above(dataset, limit);
         let cloud = 3.0 / domain;
         let volume = format!(
-            "scale = \"log10\"\nrange = [{:e}, {:e}]\ncolormap = \"inferno\"\n\
+            "scale = \"log10\"\nrange = [{:e}, {:e}]\ncolor = [[0.0, 0.1, 0.2, 0.6], [0.5, 0.8, 0.3, 0.1], [1.0, 1.0, 0.9, 0.8]]\n\
              absorption = [[0.0, 0.0], [{step:e}, {cloud:e}]]\n\
-             emission = [[0.0, {:e}], [{step:e}, {:e}], [{step:e}, {core:e}]]\n",
+             emission = [[0.0, {:e}], [{step:e}, {:e}], [1.0, {core:e}]]\n",
             dataset.smallest_positive,
             dataset.maximum,
             0.1 * cloud,

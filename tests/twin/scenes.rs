@@ -1,8 +1,6 @@
 //! Scenes at random that try a certificate: all kinds of cameras, media, tolerances and samples.
 
-use super::cameras::{
-    Random, View, away, cell_width, domain_size, random_target, typical_value,
-};
+use super::cameras::{Random, View, away, cell_width, domain_size, random_target, typical_value};
 use super::dataset::Dataset;
 use super::exact::Rational;
 
@@ -115,7 +113,8 @@ fn deep_target(dataset: &Dataset, random: &mut Random) -> ([Rational; 3], f64, f
 fn random_range(dataset: &Dataset, random: &mut Random, to_densest: bool, value: f64) -> String {
     let lowest = dataset.smallest_positive;
     let low = if random.pick(2) == 0 { 0.1 * value } else { 0.5 * lowest };
-    let high = if to_densest { dataset.maximum } else { value * 10_f64.powf(random.between(0.3, 2.0)) };
+    let high =
+        if to_densest { dataset.maximum } else { value * 10_f64.powf(random.between(0.3, 2.0)) };
     let high = high.max(2.0 * low.abs());
     match random.pick(4) {
         0 => format!("scale = \"linear\"\nrange = [{:e}, {high:e}]\n", 0.2 * low),
@@ -162,16 +161,32 @@ fn random_medium(random: &mut Random, number: usize, length: f64) -> Medium {
             medium("faint", 1e-31, tables)
         }
         6 => {
-            let tables = format!("absorption = [[0.0, 0.0]]\nemission = {}", steps(random, strength));
+            let tables =
+                format!("absorption = [[0.0, 0.0]]\nemission = {}", steps(random, strength));
             medium("emission only", 1.0, tables)
         }
         7 => {
             let bright = 1e8 * strength;
-            let emission = format!("[[0.0, 0.0], [0.2, {:e}], [0.85, {:e}], [0.9, {bright:e}]]", 0.05 * strength, 0.1 * strength);
-            medium("core", 1e2, format!("absorption = [[0.0, 0.0], [1.0, {:e}]]\nemission = {emission}", 0.1 * strength))
+            let emission = format!(
+                "[[0.0, 0.0], [0.2, {:e}], [0.85, {:e}], [0.9, {bright:e}]]",
+                0.05 * strength,
+                0.1 * strength
+            );
+            medium(
+                "core",
+                1e2,
+                format!(
+                    "absorption = [[0.0, 0.0], [1.0, {:e}]]\nemission = {emission}",
+                    0.1 * strength
+                ),
+            )
         }
         _ => {
-            let tables = format!("absorption = {}\nemission = {}", smooth(strength), shells(random, 3.0 * strength));
+            let tables = format!(
+                "absorption = {}\nemission = {}",
+                smooth(strength),
+                shells(random, 3.0 * strength)
+            );
             medium("shining shells", 1.0, tables)
         }
     }

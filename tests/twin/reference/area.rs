@@ -119,8 +119,7 @@ impl Averager<'_> {
         }
         let meets = |s: &&Speck| (0..2).all(|a| s.lo[a] < lo[a] + edge && s.hi[a] > lo[a]);
         let missable = |s: &&Speck| CELLS_ACROSS * s.size < edge;
-        let specks: Vec<Speck> =
-            specks.iter().filter(missable).filter(meets).copied().collect();
+        let specks: Vec<Speck> = specks.iter().filter(missable).filter(meets).copied().collect();
         let mut square = Square { lo, edge, quarters, error: [0.0; 4], hidden: 0.0, specks };
         let mean = square.mean();
         square.error = std::array::from_fn(|c| {

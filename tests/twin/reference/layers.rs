@@ -64,9 +64,7 @@ impl Layer {
         let middle = |a: usize| along.place[a] + 0.5 * along.slope[a] * along.length;
         let upper: [bool; 3] = std::array::from_fn(|a| middle(a) >= 0.5);
         let lowest = upper.map(|up| if up { 0 } else { -1 });
-        let corner = |n: usize| {
-            stencil_place([0, 1, 2].map(|a| lowest[a] + (n >> a & 1) as i64))
-        };
+        let corner = |n: usize| stencil_place([0, 1, 2].map(|a| lowest[a] + (n >> a & 1) as i64));
         Self {
             corners: std::array::from_fn(|n| node.stencil[corner(n)]),
             upper,
@@ -173,9 +171,8 @@ fn each_blended(layers: &[Layer], length: f64, visit: &mut Visit<'_>) {
     }
     cuts.sort_unstable_by(f64::total_cmp);
     let ranges = layers.iter().map(Layer::range);
-    let hull = ranges.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], r| {
-        [l.min(r[0]), h.max(r[1])]
-    });
+    let hull =
+        ranges.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], r| [l.min(r[0]), h.max(r[1])]);
     for pair in cuts.windows(2).filter(|pair| pair[0] < pair[1]) {
         let value = blended(layers, pair[0], pair[1]);
         visit(&value, hull, length * (pair[1] - pair[0]));

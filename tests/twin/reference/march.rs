@@ -66,9 +66,8 @@ impl Walk<'_> {
     /// Walks through a block; false once nothing behind can be seen.
     fn block(&mut self, block: &Block<'_>) -> bool {
         let entry = self.ray.at(block.enter, block.level);
-        let start: [f64; 3] = std::array::from_fn(|a| {
-            (entry[a] - DoubleDouble::from_index(block.lo[a])).to_f64()
-        });
+        let start: [f64; 3] =
+            std::array::from_fn(|a| (entry[a] - DoubleDouble::from_index(block.lo[a])).to_f64());
         let slope = self.ray.direction.map(|d| d.scaled(block.level as i32).to_f64());
         let length = (block.leave - block.enter).to_f64();
         let cuts = cuts_of(block, start, slope, length);
@@ -118,8 +117,7 @@ impl Walk<'_> {
                 above: Some(&parent),
             });
         }
-        let place: [f64; 3] =
-            std::array::from_fn(|a| start[a] - cell[a] as f64 + slope[a] * from);
+        let place: [f64; 3] = std::array::from_fn(|a| start[a] - cell[a] as f64 + slope[a] * from);
         let leaf = Parent { node, index, above: block.above };
         self.leaf(&leaf, Along { place, slope, length: to - from });
         self.gathered.optical_depth < OPAQUE

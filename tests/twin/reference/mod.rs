@@ -93,9 +93,9 @@ impl Work<'_> {
         let done = std::thread::scope(|scope| {
             let workers: Vec<_> =
                 (0..threads).map(|_| scope.spawn(|| self.pixels_one_by_one())).collect();
-            let joined = workers.into_iter().map(|worker| {
-                worker.join().map_err(|_| "a render thread panicked".to_string())?
-            });
+            let joined = workers
+                .into_iter()
+                .map(|worker| worker.join().map_err(|_| "a render thread panicked".to_string())?);
             joined.collect::<Result<Vec<_>>>()
         })?;
         let mut pixels: Vec<_> = done.into_iter().flatten().collect();

@@ -1,7 +1,7 @@
 //! Polynomials over 0 … 1 that live on the stack.
 
 /// One more than the largest degree: a cubic and one degree for each further level of a blend.
-pub(crate) const TERMS: usize = 24;
+pub(crate) const TERMS: usize = 14;
 
 /// Coefficients from the constant upward; those from `terms` on are 0.
 #[derive(Debug, Clone, Copy)]
@@ -113,7 +113,10 @@ impl Polynomial {
             if values[0] < values[1] {
                 passed.iter().for_each(|level| found(self.crossing(ends[0], ends[1], *level)));
             } else {
-                passed.iter().rev().for_each(|level| found(self.crossing(ends[0], ends[1], *level)));
+                passed
+                    .iter()
+                    .rev()
+                    .for_each(|level| found(self.crossing(ends[0], ends[1], *level)));
             }
         }
     }
@@ -126,7 +129,11 @@ impl Polynomial {
         let mut s = 0.5 * (low + high);
         for _ in 0..100 {
             let excess = self.at(s) - level;
-            if (excess < 0.0) == rising { low = s } else { high = s }
+            if (excess < 0.0) == rising {
+                low = s
+            } else {
+                high = s
+            }
             let newton = s - excess / slope.at(s);
             let next = if low < newton && newton < high { newton } else { 0.5 * (low + high) };
             if (next - s).abs() <= 1e-16 || next <= low || next >= high {

@@ -110,9 +110,8 @@ impl Search<'_> {
 
     fn view(&self, place: &Place) -> BoxView {
         let half = DoubleDouble::from(0.5);
-        let centre = place.index.map(|i| {
-            (DoubleDouble::from_index(i) + half).scaled(-(place.level as i32))
-        });
+        let centre =
+            place.index.map(|i| (DoubleDouble::from_index(i) + half).scaled(-(place.level as i32)));
         self.camera.view_of(centre, self.widths(place.level).map(|width| 0.5 * width))
     }
 
@@ -129,8 +128,7 @@ impl Search<'_> {
     /// Light and shade of one leaf cell over a pixel, at most.
     fn strength(&self, leaf: &Place, view: &BoxView) -> [f64; 2] {
         let node = &self.scenery.tree.nodes[leaf.node];
-        let [low, high] =
-            if self.scenery.is_linear { leaf.range } else { [node.value(); 2] };
+        let [low, high] = if self.scenery.is_linear { leaf.range } else { [node.value(); 2] };
         let most = self.scenery.medium.strongest(low, high);
         let [x, y, z] = self.widths(leaf.level);
         let share = x * y * z * view.stretch / (view.near * view.near);
