@@ -156,10 +156,9 @@ fn summed(squares: impl Iterator<Item = Square>, rays: usize) -> Converged {
     let mut sum = Converged { value: [0.0; 4], error: [0.0; 4], rays };
     for square in squares {
         let (mean, area) = (square.mean(), square.edge * square.edge);
-        for c in 0..4 {
-            sum.value[c] += mean[c] * area;
-            sum.error[c] += square.error[c] + square.hidden;
-        }
+        let doubts = sum.error.iter_mut().zip(square.error);
+        doubts.for_each(|(sum, error)| *sum += error + square.hidden);
+        sum.value.iter_mut().zip(mean).for_each(|(sum, value)| *sum += value * area);
     }
     sum
 }

@@ -130,9 +130,9 @@ impl Polynomial {
         for _ in 0..100 {
             let excess = self.at(s) - level;
             if (excess < 0.0) == rising {
-                low = s
+                low = s;
             } else {
-                high = s
+                high = s;
             }
             let newton = s - excess / slope.at(s);
             let next = if low < newton && newton < high { newton } else { 0.5 * (low + high) };
