@@ -30,6 +30,8 @@ struct Line {
 #[derive(Debug, Clone, Copy)]
 struct Piece {
     near: f64,
+    /// The kinks on both sides, from `near`.
+    reach: [f64; 2],
     extinction: Line,
     emission: Line,
     color: [Line; 3],
@@ -71,6 +73,7 @@ impl Piece {
         let line = |a: f64, b: f64| Line { value: a, slope: (b - a) / (far - near) };
         Self {
             near,
+            reach: [low - near, high - near],
             extinction: line(first.extinction, second.extinction),
             emission: line(first.emission, second.emission),
             color: std::array::from_fn(|c| line(first.color[c], second.color[c])),
@@ -84,6 +87,7 @@ impl Piece {
         let line = |value| Line { value, slope: 0.0 };
         Self {
             near: x,
+            reach: [f64::NEG_INFINITY, f64::INFINITY],
             extinction: line(optics.extinction),
             emission: line(optics.emission),
             color: optics.color.map(line),
@@ -262,7 +266,9 @@ impl<'a> Stretch<'a> {
         let mut sum = [0.0; 3];
         for (node, weight) in GAUSS {
             for s in [centre - half * node, centre + half * node] {
-                let offset = self.offset.at(s);
+                // Rounding must not leave the piece: slopes of emission may be 1e12.
+                let [low, high] = self.piece.reach;
+                let offset = self.offset.at(s).clamp(low, high);
                 let left = self.depth.as_ref().map_or(1.0, |depth| dimmed(depth.at(s)));
                 let factor = weight * half * left * self.piece.emission.at(offset);
                 for (channel, color) in sum.iter_mut().zip(self.piece.color) {
