@@ -27,12 +27,12 @@ impl Random {
         low + (high - low) * (self.bits() >> 11) as f64 * (-53_f64).exp2()
     }
 
-    fn pick(&mut self, count: usize) -> usize {
+    pub(crate) fn pick(&mut self, count: usize) -> usize {
         (self.bits() % count.max(1) as u64) as usize
     }
 
     /// A direction, evenly spread.
-    fn direction(&mut self) -> [f64; 3] {
+    pub(crate) fn direction(&mut self) -> [f64; 3] {
         loop {
             let v = [0; 3].map(|_| self.between(-1.0, 1.0));
             let square: f64 = v.iter().map(|x| x * x).sum();
@@ -67,8 +67,18 @@ impl View {
         Self { eye: lower(&self.eye), target: lower(&self.target), ..self.clone() }
     }
 
-    /// The scene file.
+    /// The scene file, of one ray a pixel, exact.
     pub(crate) fn scene(&self) -> String {
+        self.scene_with([self.pixels; 2], "0", "1")
+    }
+
+    /// The scene file; tolerance and samples as TOML.
+    pub(crate) fn scene_with(
+        &self,
+        [width, height]: [usize; 2],
+        tolerance: &str,
+        samples: &str,
+    ) -> String {
         let text = |point: &[Rational; 3]| point.each_ref().map(|x| exact::to_decimal(x, DIGITS));
         let lens = if self.perspective {
             let fov = 2.0 * (0.5 * self.height / self.distance).atan().to_degrees();
@@ -77,10 +87,10 @@ impl View {
             format!("projection = \"orthographic\"\nheight = {:e}", self.height)
         };
         format!(
-            "[image]\nwidth = {0}\nheight = {0}\n[camera]\nposition = {1:?}\nlook_at = {2:?}\n\
-             up = {3:?}\n{lens}\n[render]\ninterpolation = \"{4}\"\ntolerance = 0\n\
-             samples = 1\n[[volume]]\nfield = \"Density\"\n{5}",
-            self.pixels,
+            "[image]\nwidth = {width}\nheight = {height}\n[camera]\nposition = {0:?}\n\
+             look_at = {1:?}\nup = {2:?}\n{lens}\n[render]\ninterpolation = \"{3}\"\n\
+             tolerance = {tolerance}\nsamples = {samples}\n[[volume]]\n\
+             field = \"Density\"\n{4}",
             text(&self.eye),
             text(&self.target),
             self.up,
@@ -104,7 +114,7 @@ pub(crate) fn domain_size(dataset: &Dataset) -> f64 {
 }
 
 /// A point inside a leaf cell of a random level, the cell's largest width and its value.
-fn random_target(dataset: &Dataset, random: &mut Random) -> ([Rational; 3], f64, f64) {
+pub(crate) fn random_target(dataset: &Dataset, random: &mut Random) -> ([Rational; 3], f64, f64) {
     loop {
         let level = random.pick(dataset.deepest() + 1);
         let leaves = dataset.leaves(level);
@@ -117,7 +127,7 @@ fn random_target(dataset: &Dataset, random: &mut Random) -> ([Rational; 3], f64,
     }
 }
 
-fn cell_width(dataset: &Dataset, level: usize) -> f64 {
+pub(crate) fn cell_width(dataset: &Dataset, level: usize) -> f64 {
     let widest =
         dataset.root_cell_width().map(DoubleDouble::to_f64).into_iter().fold(0.0, f64::max);
     widest * (-(level as f64)).exp2()
@@ -157,7 +167,7 @@ pub(crate) fn random_view(
 
 /// The median value of the leaf cells of the level of which some 20 span `height`, or of the
 /// nearest level that has leaf cells.
-fn typical_value(dataset: &Dataset, height: f64) -> f64 {
+pub(crate) fn typical_value(dataset: &Dataset, height: f64) -> f64 {
     let mut levels: Vec<usize> = (0..=dataset.deepest()).collect();
     let apart = |level: &usize| (20.0 * cell_width(dataset, *level) / height).log2().abs();
     levels.sort_by(|a, b| apart(a).total_cmp(&apart(b)));

@@ -70,7 +70,7 @@ impl<'a> Interpolant<'a> {
     }
 
     /// Whether `level` has data at `index`, refined further or not; outside the domain it has.
-    fn exists(&self, level: usize, index: [i64; 3]) -> bool {
+    pub(crate) fn exists(&self, level: usize, index: [i64; 3]) -> bool {
         let across = self.dataset.cells_across(level);
         let outside = (0..3).any(|a| !(0..across[a]).contains(&index[a]));
         outside || self.dataset.cell(level, index).is_some()

@@ -4,7 +4,7 @@ use super::Result;
 use super::camera::Camera;
 use super::dataset::Dataset;
 use super::interpolant::Interpolant;
-use super::scene::{Interpolation, Scene};
+use super::scene::{Interpolation, Samples, Scene};
 use super::{march_cell, march_linear};
 
 /// R, G, B, A row by row from the top.
@@ -90,7 +90,9 @@ fn render_rows(
 ) -> Result<()> {
     let transfer = scene.transfer(dataset)?;
     let interpolant = Interpolant::new(dataset, &transfer);
-    let n = scene.render.samples;
+    let Samples::Grid(n) = scene.samples()? else {
+        return Err("averages over pixels are for the reference".into());
+    };
     // The m-th ray of pixel i lies at i + (m + ½)/n pixels.
     let place = |i: usize, m: usize| [(2 * (i * n + m) + 1) as f64, (2 * n) as f64];
     for (row, line) in rows {

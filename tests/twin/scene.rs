@@ -3,6 +3,7 @@
 use serde::Deserialize;
 
 use super::Result;
+use super::colormap;
 use super::dataset::Dataset;
 use super::exact::{self, Rational};
 use super::transfer::{Scale, Table, Transfer};
@@ -51,14 +52,21 @@ pub(crate) enum Interpolation {
     Linear,
 }
 
-/// `samples`: n for n×n rays a pixel. The tolerance is read past: the twin is always exact.
+/// What a pixel is: the mean of n×n rays, or over its area.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Samples {
+    Grid(usize),
+    Area,
+}
+
+/// The tolerance is read past: the twin is always exact.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Render {
     pub(crate) interpolation: Interpolation,
     #[serde(rename = "tolerance")]
     _tolerance: toml::Value,
-    pub(crate) samples: usize,
+    samples: toml::Value,
 }
 
 #[derive(Debug, Deserialize)]
@@ -68,7 +76,8 @@ struct Volume {
     scale: String,
     linthresh: Option<f64>,
     range: Option<[f64; 2]>,
-    color: Vec<[f64; 4]>,
+    color: Option<Vec<[f64; 4]>>,
+    colormap: Option<String>,
     absorption: Vec<[f64; 2]>,
     emission: Option<Vec<[f64; 2]>>,
 }
@@ -77,6 +86,15 @@ impl Scene {
     pub(crate) fn parse(text: &str) -> Result<Self> {
         let scene: Self = toml::from_str(text).map_err(|error| error.to_string())?;
         if scene.volume.len() == 1 { Ok(scene) } else { Err("expected one volume".into()) }
+    }
+
+    /// The truth of a pixel.
+    pub(crate) fn samples(&self) -> Result<Samples> {
+        match &self.render.samples {
+            toml::Value::Integer(n @ 1..) => Ok(Samples::Grid(*n as usize)),
+            toml::Value::String(text) if text == "area" => Ok(Samples::Area),
+            other => Err(format!("`{other}` are no samples")),
+        }
     }
 
     /// Name of the field that is drawn.
@@ -96,8 +114,12 @@ impl Scene {
         let default_range = [scale.raised(dataset.minimum), scale.raised(dataset.maximum)];
         let absorption = table(&volume.absorption)?;
         let emission = volume.emission.as_ref().map_or(Ok(absorption.clone()), |t| table(t))?;
-        let channel =
-            |c: usize| Table::new(volume.color.iter().map(|p| (p[0], p[1 + c])).collect());
+        let points = match (&volume.color, &volume.colormap) {
+            (Some(points), None) => points.clone(),
+            (None, Some(name)) => colormap::points(name)?,
+            _ => return Err("a volume takes color or colormap".into()),
+        };
+        let channel = |c: usize| Table::new(points.iter().map(|p| (p[0], p[1 + c])).collect());
         let color = [channel(0)?, channel(1)?, channel(2)?];
         Transfer::new(scale, volume.range.unwrap_or(default_range), absorption, emission, color)
     }

@@ -47,13 +47,14 @@ impl Scale {
     }
 }
 
-/// Piecewise linear in `x`, constant beyond the end points.
+/// Piecewise linear in `x`, constant beyond the end points; two points at one `x` are a step, and
+/// the second holds there.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Table(Vec<(f64, f64)>);
 
 impl Table {
     pub(crate) fn new(points: Vec<(f64, f64)>) -> Result<Self> {
-        if points.is_empty() || points.windows(2).any(|p| p[0].0 >= p[1].0) {
+        if points.is_empty() || points.windows(2).any(|p| p[0].0 > p[1].0) {
             return Err("a table needs points in ascending order".into());
         }
         Ok(Self(points))
@@ -61,7 +62,7 @@ impl Table {
 
     pub(crate) fn at(&self, x: f64) -> f64 {
         let (first, last) = (self.0[0], self.0[self.0.len() - 1]);
-        if x <= first.0 {
+        if x < first.0 {
             return first.1;
         }
         let above = self.0.iter().position(|p| p.0 > x);
@@ -113,6 +114,11 @@ impl Transfer {
     /// The scaled value of a cell; NaN counts as the range's lower end.
     pub(crate) fn scaled(&self, value: f64) -> f64 {
         if value.is_nan() { self.low } else { self.scale.apply(value) }
+    }
+
+    /// The scaled values that map to 0 and 1.
+    pub(crate) fn bounds(&self) -> [f64; 2] {
+        [self.low, self.high]
     }
 
     /// The mapped value of a scaled one, before it is clamped to 0 … 1.

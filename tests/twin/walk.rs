@@ -40,7 +40,7 @@ impl Ray {
     }
 
     /// The part of the ray inside the domain; faces on the upper side lie outside.
-    fn inside(&self, root_cells: [i64; 3]) -> Option<(DoubleDouble, DoubleDouble)> {
+    pub(crate) fn inside(&self, root_cells: [i64; 3]) -> Option<(DoubleDouble, DoubleDouble)> {
         let mut enter = DoubleDouble::from(if self.forward_only { 0.0 } else { f64::NEG_INFINITY });
         let mut leave = DoubleDouble::from(f64::INFINITY);
         for (a, cells) in root_cells.into_iter().enumerate() {
