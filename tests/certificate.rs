@@ -89,6 +89,7 @@ impl Campaign {
             let trial = random_trial(&subject.dataset, &mut random, kind, SIZE);
             let stored = if scene % 4 == 3 { STORED } else { 0.0 };
             let outcome = self.try_scene(subject, &trial, stored, tally);
+            if std::env::var("DFV").is_ok() { if let Ok(o) = &outcome { eprintln!("{} {} {} bound {:.3e} tol {:.3e} meas {:.3e} largest {:.3e} area {} fail {:?}", subject.name, trial.kind, scene, o.bound, o.tolerance, o.measured, o.largest_value, o.is_area, o.failure.as_ref().map(|f| f.chars().take(200).collect::<String>())); } }
             tally.outcomes.push(outcome.map_err(|error| {
                 format!("{}, stored error {stored}: {error}\n{}", subject.name, trial.text)
             })?);

@@ -71,6 +71,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     };
     let mut rendered = render(&cache, &scene, &options)?;
     rendered.stats.set_opening(opening);
+    warn_of_bound(&rendered.stats);
     write_picture(&arguments.output, format, &rendered, &scene, &cache)?;
     match &arguments.stats {
         Some(path) => write_stats(path, &rendered.stats),
@@ -88,6 +89,20 @@ fn parse_fixed(text: &str) -> Result<FixedSetting, String> {
         return Ok(FixedSetting { pixels_per_cell, rays_per_axis, relative_accuracy });
     }
     Err("a fixed setting is three numbers ≥ 0, as in `1,3,0.001`".to_owned())
+}
+
+/// Says so where the tolerance is not kept.
+fn warn_of_bound(stats: &Stats) {
+    if let Some(bound) = stats.error_bound
+        && bound > stats.tolerance
+        && stats.tolerance > 0.0
+    {
+        eprintln!(
+            "warning: pixels may be off by {bound:.2e}, more than the tolerance of {:.2e}: ask for \
+             a larger --tolerance or for --samples N",
+            stats.tolerance
+        );
+    }
 }
 
 fn warn_of_nan(cache: &Cache, scene: &Scene) {

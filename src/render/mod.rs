@@ -73,7 +73,7 @@ use self::picture::{Method, Picture, lock};
 pub use self::probe::{Found, Probe};
 use self::ray_error::ErrorShares;
 use self::ray_state::Ending;
-use self::rays::{BATCH_RAYS, PixelGrid};
+use self::rays::PixelGrid;
 use self::refine::Goal;
 use self::shading::Shading;
 use self::stats::Stats;
@@ -190,8 +190,11 @@ const FIRST_TRY: f64 = 0.9;
 const ATTEMPTS: u32 = 12;
 /// What exact pictures are converged to, relative to their largest value.
 const EXACT: f64 = 1e-6;
-/// Rays of a picture at most: pixels that take more keep a bound above the tolerance.
+/// Rays of a picture whose pixels stand for areas, about, and of a pixel on average over a tile:
+/// where the bound needs more, it stays above the tolerance, and says so.
 const MOST_RAYS: u64 = 60_000_000;
+const MOST_RAYS_PER_PIXEL: u64 = 256;
+const FEWEST_RAYS_PER_PIXEL: u64 = 16;
 
 impl Studio<'_> {
     /// By settings that ask nothing of the error.
@@ -232,7 +235,9 @@ impl Studio<'_> {
                 Tolerance::Relative(_) => f64::MIN_POSITIVE,
             },
             behind: glance,
-            most_rays: MOST_RAYS.div_ceil(pixels.tiles()).max(BATCH_RAYS as u64),
+            rays_per_pixel: MOST_RAYS_PER_PIXEL
+                .min(MOST_RAYS / (u64::from(pixels.view().width()) * u64::from(pixels.view().height())))
+                .max(FEWEST_RAYS_PER_PIXEL),
             all_levels: is_exact,
         };
         let transfer = self.transfer(if is_exact { 0.0 } else { goal.tolerance });

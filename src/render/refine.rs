@@ -10,7 +10,7 @@ use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
 
 /// The part of the goal that a first batch leaves to a single brick: few bricks along a ray are
 /// off by as much as the cut allows.
-const FIRST_LIMIT: f64 = 1.0 / 8.0;
+const FIRST_LIMIT: f64 = 0.3;
 /// The part of a pixel's error that may come from levels.
 const LEVELS_SHARE: f64 = 0.5;
 /// A cut is made finer by at least, and at most, these factors.
@@ -30,8 +30,8 @@ pub(super) struct Goal {
     pub(super) tolerance: f64,
     /// Light that is expected from behind a brick.
     pub(super) behind: f64,
-    /// Rays that a tile takes at most.
-    pub(super) most_rays: u64,
+    /// Rays that a tile takes at most for each of its pixels, where these stand for areas.
+    pub(super) rays_per_pixel: u64,
     /// Whether all levels are drawn whatever the tolerance.
     pub(super) all_levels: bool,
 }
@@ -144,7 +144,9 @@ impl Sheet {
         let outcome: Vec<_> = outcome.collect();
         let (mut quartered, mut finer) = (Vec::new(), Vec::new());
         let mut worst = 0.0_f64;
-        let can_go_on = self.goal.as_ref().is_some_and(|goal| self.rays < goal.most_rays);
+        let most = |goal: &Goal| goal.rays_per_pixel.saturating_mul(self.pixels.len() as u64);
+        let can_go_on =
+            self.goal.as_ref().is_some_and(|goal| !grid.has_area() || self.rays < most(goal));
         for found in outcome.chunk_by(|a, b| a.0.pixel == b.0.pixel) {
             let Some(pixel) = self.pixels.get_mut(usize::from(found[0].0.pixel)) else { continue };
             let weight = |square: &Square| grid.weight(square);
