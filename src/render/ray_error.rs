@@ -183,7 +183,8 @@ impl RayError {
         ErrorShares {
             levels: bound(self.levels),
             quadrature: self.quadrature,
-            pixel_area: mean.min(bound(self.uneven) + twice),
+            // No light is brighter than the brightest, and no opacity above 1.
+            pixel_area: mean.min(bound(self.uneven) + twice).min(brightest.max(light).max(1.0)),
             storage: bound(self.storage),
             termination: if rest > 0.0 { product(1.0 - opacity, rest.max(1.0)) } else { 0.0 },
             rounding: (INTEGRATION + STORED) * light.max(opacity),
