@@ -19,6 +19,8 @@ pub mod interpolant;
 #[cfg(test)]
 mod interpolant_tests;
 mod ledger;
+#[cfg(test)]
+mod ledger_tests;
 pub mod load;
 pub mod march;
 mod march_cell;

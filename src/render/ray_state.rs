@@ -38,7 +38,7 @@ impl RayState {
     /// Whether what lies behind may be left out.
     #[inline]
     pub fn is_done(&self, ending: &Ending) -> bool {
-        if self.transmittance >= ending.transmittance {
+        if self.transmittance > ending.transmittance {
             return false;
         }
         let largest = self.radiance[0].max(self.radiance[1]).max(self.radiance[2]);

@@ -234,3 +234,7 @@ impl Pixel {
         self.weight += weight;
     }
 }
+
+#[cfg(test)]
+#[path = "refine_tests.rs"]
+mod tests;

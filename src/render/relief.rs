@@ -405,3 +405,7 @@ fn slopes(block: &ScaledBlock, lo: [usize; 3], hi: [usize; 3]) -> Steepness {
     });
     steepness
 }
+
+#[cfg(test)]
+#[path = "relief_tests.rs"]
+mod tests;
