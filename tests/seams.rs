@@ -15,7 +15,7 @@ use bricks::sets::Set;
 use bricks::slice::Slice;
 use bricks::{Scale, Tree};
 use deepfield::image::write_png;
-use deepfield::render::cut::Cut;
+use deepfield::render::cut::FootprintCut;
 use deepfield::render::interpolant::DrawnNeighbours;
 use deepfield::scene::Scene;
 use deepfield::space::{Decimal, Position};
@@ -111,7 +111,7 @@ fn coarse_scene(tree: &Tree<'_>, eye: &Position, fov: f64) -> Scene {
     let target = Position(std::array::from_fn(|a| domain.upper().0[a] / 2));
     let toml = format!(
         "[image]\nwidth = 12\nheight = 12\n[camera]\nposition = [{}]\nlook_at = [{}]\n\
-         up = [0.3, 1.0, 0.2]\nfov = {fov}\n[render]\ntolerance = \"1%\"\n\
+         up = [0.3, 1.0, 0.2]\nfov = {fov}\n[render]\n\
          [[volume]]\nfield = \"Density\"\n",
         text(eye),
         text(&target)
@@ -142,7 +142,7 @@ fn measure_cuts(tree: &Tree<'_>, table: &mut Table) {
             if n % 4 != 3 { inside.0[a] } else { outside }
         }));
         let scene = coarse_scene(tree, &eye, if n < 4 { 60.0 } else { 15.0 });
-        let cut = Cut::new(&scene, &header.domain, header.shape).unwrap();
+        let cut = FootprintCut::new(1.0, &scene, &header.domain, header.shape).unwrap();
         for (kind, borders) in borders::of_cut(tree, &cut) {
             let measured = table.entry(("choice", kind)).or_default();
             for border in pick(borders, 60, &mut random) {

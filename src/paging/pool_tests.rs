@@ -27,7 +27,7 @@ struct Squares {
     broken: AtomicBool,
 }
 
-impl Loader for Squares {
+impl Loader for &Squares {
     type Request = Key;
     type Brick = u64;
     type Scratch = ();
@@ -49,7 +49,7 @@ impl Loader for Squares {
     }
 }
 
-fn value(pool: &Pool<'_, Squares>, key: u64) -> u64 {
+fn value(pool: &Pool<'_, &Squares>, key: u64) -> u64 {
     *pool.get(&Key(key), &mut ()).unwrap()
 }
 

@@ -39,8 +39,9 @@ pub struct ErrorCut {
     pub behind: f64,
 }
 
-/// A cut by geometry alone: the same for every tile, thread and memory limit. Monotone (an opened brick's parent is opened), and bricks that touch differ by
-/// one level at most where the cut, and not the data, ends the descent.
+/// A cut by geometry alone: the same for every tile, thread and memory limit. Monotone (an opened
+/// brick's parent is opened), and bricks that touch differ by one level at most where the cut, and
+/// not the data, ends the descent.
 #[derive(Debug, Clone)]
 pub struct FootprintCut {
     domain: Domain,
@@ -241,7 +242,7 @@ mod tests {
         let shape = BrickShape::new(16).unwrap();
         let root = BrickPlace::root(0);
         let at = |rule| FootprintCut { domain: domain.clone(), shape, rule };
-        assert!(at(Rule::FullDepth).opens(&root));
+        assert!(at(Rule::Size(0.0)).opens(&root));
         assert!(at(Rule::Size(0.99 / 16.0)).opens(&root));
         assert!(!at(Rule::Size(1.0 / 16.0)).opens(&root));
         // The eye stands 2 root cells in front of the domain: 0.125.

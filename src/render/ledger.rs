@@ -184,7 +184,8 @@ impl<'a> Ledger<'a> {
         let bent = Sums { emission: 0.5 * tally.bend * most * most, ..Sums::default() };
         // At a kink as at a face: at most a quarter of the farthest is beyond it on average.
         let kinks = tally.kinks.times((0.25 * most + uneven).min(0.5 * most));
-        let cancelled = tally.slope.times(uneven).plus(kinks).plus(tally.jumps).plus(end).plus(bent);
+        let cancelled =
+            tally.slope.times(uneven).plus(kinks).plus(tally.jumps).plus(end).plus(bent);
         self.error.uneven = self.error.uneven.plus(cancelled);
     }
 

@@ -130,7 +130,10 @@ fn fixed_parts(demand: &Demand) -> Vec<(&'static str, u64)> {
         ("the picture", Film::bytes_needed(demand.width, demand.height)),
         ("the tiles' bounds", demand.tiles.saturating_mul(size_of::<ErrorShares>() as u64)),
         ("writing the picture", u64::from(demand.width) * WRITING_PER_COLUMN + WRITING_FIXED),
-        ("the marching threads", threads.saturating_mul(thread.saturating_add(Tile::BYTES + Sheet::BYTES))),
+        (
+            "the marching threads",
+            threads.saturating_mul(thread.saturating_add(Tile::BYTES + Sheet::BYTES)),
+        ),
         ("the reading threads", readers.saturating_mul(thread)),
         ("the index' checksums", demand.page_table),
         ("the counters", Counters::bytes(demand.bricks)),

@@ -19,6 +19,8 @@ pub mod interpolant;
 #[cfg(test)]
 mod interpolant_tests;
 mod ledger;
+#[cfg(test)]
+mod ledger_tests;
 pub mod load;
 pub mod march;
 mod march_cell;
@@ -142,7 +144,8 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     let reserved = plan.reserve(&Budget::new(options.memory))?;
     cache.set_index_windows(plan.windows);
     let counters = Counters::new(header.nodes(), header.levels.len());
-    let studio = Studio { cache, scene, shading: &shading, counters: &counters, plan: &plan, threads };
+    let studio =
+        Studio { cache, scene, shading: &shading, counters: &counters, plan: &plan, threads };
     let mut samples = vec![0; header.levels.len()];
     let outcome = match options.fixed {
         Some(fixed) => studio.by_hand(&pixels, &fixed, options, &mut samples)?,

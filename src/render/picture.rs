@@ -7,10 +7,10 @@ use std::thread::{Builder, Scope, ScopedJoinHandle};
 
 use crossbeam::channel::Receiver;
 
-use super::load::{BrickLoader, BrickRequest, BrickScratch};
-use super::memory::STACK_BYTES;
 use super::cut::Cut;
+use super::load::{BrickLoader, BrickRequest, BrickScratch};
 use super::march::Light;
+use super::memory::STACK_BYTES;
 use super::ray_error::ErrorShares;
 use super::rays::PixelRect;
 use super::refine::{Batch, Goal, Sheet};
@@ -197,7 +197,9 @@ impl<'p, 'r> Worker<'p, 'r> {
             sheet.judge(picture.scenery.pixels, &batch, outcome);
         }
         let shares = sheet.shares();
-        if let Some(bound) = lock(&picture.bounds).get_mut(usize::try_from(tile).unwrap_or(usize::MAX)) {
+        if let Some(bound) =
+            lock(&picture.bounds).get_mut(usize::try_from(tile).unwrap_or(usize::MAX))
+        {
             *bound = shares;
         }
         let width = rect.hi[0] - rect.lo[0];

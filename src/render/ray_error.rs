@@ -192,7 +192,7 @@ impl RayError {
     }
 
     /// Solves E = J + min(t·brightest, (light + E)·k) for the largest error E.
-    fn off_by(&self, sums: Sums, light: f64, brightest: f64) -> f64 {
+    pub(super) fn off_by(&self, sums: Sums, light: f64, brightest: f64) -> f64 {
         let by_brightest = sums.emission + product(sums.dimmed, brightest);
         let by_light = if sums.extinction < 1.0 {
             (sums.emission + light * sums.extinction) / (1.0 - sums.extinction)

@@ -38,7 +38,7 @@ impl RayState {
     /// Whether what lies behind may be left out.
     #[inline]
     pub fn is_done(&self, ending: &Ending) -> bool {
-        if self.transmittance >= ending.transmittance {
+        if self.transmittance > ending.transmittance {
             return false;
         }
         let largest = self.radiance[0].max(self.radiance[1]).max(self.radiance[2]);
@@ -191,7 +191,8 @@ mod tests {
 
     #[test]
     fn a_ray_is_done_only_when_nothing_bright_can_follow() {
-        let state = RayState { radiance: [1.0, 0.0, 0.0], transmittance: 1e-12, ..RayState::default() };
+        let state =
+            RayState { radiance: [1.0, 0.0, 0.0], transmittance: 1e-12, ..RayState::default() };
         assert!(state.is_done(&Ending::new(10.0, 0.0)));
         assert!(!state.is_done(&Ending::new(1e10, 0.0)));
         assert!(!RayState { transmittance: 1e-8, ..state }.is_done(&Ending::new(0.0, 0.0)));

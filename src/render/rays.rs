@@ -221,8 +221,7 @@ impl PixelGrid {
         let within = index - first_row * columns;
         let at = [within / strip_rows, first_row + within % strip_rows];
         let size = self.whole().hi;
-        let lo = at
-            .map(|tile| u32::try_from(tile).unwrap_or(u32::MAX).saturating_mul(self.tile));
+        let lo = at.map(|tile| u32::try_from(tile).unwrap_or(u32::MAX).saturating_mul(self.tile));
         let hi = std::array::from_fn(|a| lo[a].saturating_add(self.tile).min(size[a]));
         PixelRect { lo, hi }
     }

@@ -197,13 +197,18 @@ impl Sheet {
 
     fn wait(&mut self, squares: Vec<Square>, most: usize, quartered: bool, cut: &Cut) {
         for squares in squares.chunks(most) {
-            self.waiting.push_back(Waiting { squares: squares.to_vec(), quartered, cut: cut.clone() });
+            self.waiting.push_back(Waiting {
+                squares: squares.to_vec(),
+                quartered,
+                cut: cut.clone(),
+            });
         }
     }
 
     /// The largest of each share over the tile's pixels.
     pub(super) fn shares(&self) -> ErrorShares {
-        let largest = |a: &ErrorShares, b: &ErrorShares| if a.total() < b.total() { *b } else { *a };
+        let largest =
+            |a: &ErrorShares, b: &ErrorShares| if a.total() < b.total() { *b } else { *a };
         self.pixels.iter().fold(ErrorShares::default(), |most, pixel| largest(&most, &pixel.shares))
     }
 
@@ -231,3 +236,7 @@ impl Pixel {
         self.weight += weight;
     }
 }
+
+#[cfg(test)]
+#[path = "refine_tests.rs"]
+mod tests;

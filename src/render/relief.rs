@@ -115,8 +115,8 @@ impl Relief {
         let beyond = reach - 1.0;
         let last = self.side - 1;
         let group = |x: f64| ((x + 0.5) / GROUP_EDGE as f64).max(0.0) as usize;
-        let [lo, hi] = [beyond.max(0.0), -beyond.max(0.0)]
-            .map(|off| point.map(|x| group(x - off).min(last)));
+        let [lo, hi] =
+            [beyond.max(0.0), -beyond.max(0.0)].map(|off| point.map(|x| group(x - off).min(last)));
         let mut all = *self.group((lo[2] * self.side + lo[1]) * self.side + lo[0]);
         for z in lo[2]..=hi[2] {
             for y in lo[1]..=hi[1] {
@@ -360,7 +360,8 @@ impl<'b> Parents<'b> {
     /// The cells that the interpolant draws on between those of `reach`.
     fn around(&self, reach: ([usize; 3], [usize; 3])) -> ([usize; 3], [usize; 3]) {
         let last = self.coarse.side - 1;
-        let lo = std::array::from_fn(|a| self.along(a, reach.0[a])[0].saturating_sub(1).min(last - 1));
+        let lo =
+            std::array::from_fn(|a| self.along(a, reach.0[a])[0].saturating_sub(1).min(last - 1));
         let hi: [usize; 3] = std::array::from_fn(|a| (self.along(a, reach.1[a])[0] + 1).min(last));
         (lo, std::array::from_fn(|a| hi[a].max(lo[a] + 1)))
     }
@@ -404,3 +405,7 @@ fn slopes(block: &ScaledBlock, lo: [usize; 3], hi: [usize; 3]) -> Steepness {
     });
     steepness
 }
+
+#[cfg(test)]
+#[path = "relief_tests.rs"]
+mod tests;

@@ -42,7 +42,10 @@ fn the_picture_does_not_depend_on_threads_or_memory() {
         let scene = scene(settings, 130, 100);
         let reference = draw(&path, &scene, 4 << 30, 1).unwrap();
         assert!(reference.film.largest_value() > 0.1);
-        assert_eq!(reference.stats.bricks_reloaded, 0, "everything fits");
+        // A tolerance needs a glance first, which has slots of its own.
+        let reloads = if settings.contains("tolerance = 0") { 0 } else { 1 };
+        let Stats { bricks_reloaded, bricks_loaded, .. } = reference.stats;
+        assert!(bricks_reloaded <= reloads * bricks_loaded, "everything fits");
         for threads in [1, 2] {
             let memory = smallest(&path, &scene, threads) * MEBIBYTE;
             let found = draw(&path, &scene, memory, threads).unwrap();
@@ -57,7 +60,8 @@ fn the_picture_does_not_depend_on_threads_or_memory() {
 fn a_small_pool_loads_again_and_the_counts_add_up() {
     let (_folder, path) = cache();
     let scene = scene("samples = 1\ntolerance = 0", 192, 128);
-    let stats = draw(&path, &scene, smallest(&path, &scene, 1) * MEBIBYTE, 1).unwrap().stats;
+    let memory = smallest(&path, &scene, 1) * MEBIBYTE;
+    let Rendered { film, stats } = draw(&path, &scene, memory, 1).unwrap();
     assert!(stats.bricks_reloaded > 0);
     assert!(stats.bytes_decompressed >= 5000 * (stats.bricks_loaded + stats.bricks_reloaded));
     assert_eq!(
@@ -73,7 +77,13 @@ fn a_small_pool_loads_again_and_the_counts_add_up() {
     let visited: u64 = stats.levels.iter().map(|level| level.bricks_visited).sum();
     assert_eq!((visited, stats.deepest_level_used), (stats.bricks_loaded, Some(2)));
     let json = serde_json::to_value(&stats).unwrap();
-    assert!(json["error_bound"].is_null() && json["levels"][0]["bricks_visited"].is_u64());
+    assert!(json["levels"][0]["bricks_visited"].is_u64());
+    // Tolerance 0: what remains is rounding.
+    let bound = json["error_bound"].as_f64().unwrap();
+    assert!(bound > 0.0 && bound <= 1e-6 * f64::from(film.largest_value()), "{bound:e}");
+    assert_eq!(json["tolerance"], 0.0);
+    let share = |name: &str| json["error_shares"][name].as_f64().unwrap();
+    assert_eq!((share("levels"), share("pixel_area"), share("quadrature")), (0.0, 0.0, 0.0));
 }
 
 #[test]
@@ -137,6 +147,35 @@ fn an_unknown_field_lists_those_there_are() {
     assert!(other("\"density\"", "").is_ok());
     let message = other("\"density\"", "units = \"cgs\"\n").unwrap_err().to_string();
     assert!(message.contains("cgs"), "{message}");
+}
+
+#[test]
+fn a_tolerance_is_kept_and_its_bound_holds() {
+    let (_folder, path) = cache();
+    for interpolation in ["linear", "cell"] {
+        for samples in ["1", "2"] {
+            let drawn = |tolerance: &str| {
+                let text = format!(
+                    "samples = {samples}\ntolerance = {tolerance}\n\
+                     interpolation = \"{interpolation}\""
+                );
+                draw(&path, &scene(&text, 8, 6), 1 << 30, 1).unwrap()
+            };
+            let fine = drawn("0");
+            let least = fine.stats.error_bound.unwrap();
+            for tolerance in ["\"20%\"", "\"2%\"", "0.3"] {
+                let Rendered { film, stats } = drawn(tolerance);
+                let what = format!("{interpolation}, {samples}, {tolerance}");
+                let bound = stats.error_bound.unwrap();
+                assert!(bound > 0.0 && bound <= stats.tolerance, "{what}: {bound} {stats:?}");
+                let pairs = film.pixels().iter().zip(fine.film.pixels());
+                let error = pairs
+                    .flat_map(|(a, b)| a.iter().zip(b))
+                    .fold(0.0, |most, (a, b)| f64::max(most, f64::from((a - b).abs())));
+                assert!(error <= bound + least, "{what}: {error} of {bound}");
+            }
+        }
+    }
 }
 
 #[test]

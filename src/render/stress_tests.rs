@@ -6,7 +6,7 @@ use proptest::test_runner::TestRunner;
 
 use super::absorb::Integrator;
 use super::polynomial::Polynomial;
-use super::ray_state::{Accuracy, RayState};
+use super::ray_state::{Ending, RayState};
 use super::test_exact_light::{ExactLight, Gathered, Tables};
 use super::test_fixed::Fixed;
 use super::transfer_pieces::TransferPieces;
@@ -35,14 +35,14 @@ impl Volume {
         let (absorption, emission) = (table(absorption), table(emission));
         let transfer = TransferFunction::from_tables(&absorption, &emission, color);
         let tables = Tables { absorption, emission, color: color.table().clone() };
-        Self { pieces: TransferPieces::new(&transfer), exact: ExactLight::new(&tables) }
+        Self { pieces: TransferPieces::new(&transfer, |_| 0.0), exact: ExactLight::new(&tables) }
     }
 
     /// The march along `x`.
     fn march<const N: usize>(&self, x: &Polynomial<N>, length: f64) -> RayState {
-        let accuracy = Accuracy { relative: 0.0, longest_path: 1e30 };
+        let ending = Ending::new(1e30 * self.pieces.largest_emission(), 0.0);
         let mut state = RayState::default();
-        Integrator::new(&self.pieces, &accuracy, &mut state).along(x, length);
+        Integrator::new(&self.pieces.all, &ending, false, &mut state).along(x, length);
         state
     }
 

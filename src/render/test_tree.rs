@@ -62,7 +62,15 @@ pub(super) fn tree(masks: &[u8], depth: usize) -> Tree {
                     record.first_child = first_child;
                 }
             }
-            let field = FieldRecord { own: [0.1, 0.9], tree: [0.1, 0.9], ..FieldRecord::default() };
+            // No level says anything of the next: all of the range may be beneath.
+            let differs = if record.child_mask == 0 { 0.0 } else { 1.0 };
+            let field = FieldRecord {
+                own: [0.1, 0.9],
+                tree: [0.1, 0.9],
+                residual_linear: differs,
+                residual_log10: differs,
+                ..FieldRecord::default()
+            };
             tree.nodes.push((record, field));
             tree.places.push(*place);
         }

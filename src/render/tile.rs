@@ -174,7 +174,7 @@ impl Tile {
 }
 
 /// Whether rays of the square at `plane` can meet what has this footprint.
-fn meets(footprint: &Footprint, plane: DVec2, half: DVec2) -> bool {
+pub(super) fn meets(footprint: &Footprint, plane: DVec2, half: DVec2) -> bool {
     let (lo, hi) = (plane - half, plane + half);
     hi.x >= footprint.plane_lo.x
         && lo.x <= footprint.plane_hi.x
@@ -185,7 +185,7 @@ fn meets(footprint: &Footprint, plane: DVec2, half: DVec2) -> bool {
 /// The square of half width `half` around `ray` as a brick sees it. In a perspective view the
 /// distance from the eye is what a square's rays have in common, so they are displaced by the
 /// change of the unit direction.
-fn beam(frame: &Frame, ray: &LocalRay, half: DVec2, covered: f64) -> Beam {
+pub(super) fn beam(frame: &Frame, ray: &LocalRay, half: DVec2, covered: f64) -> Beam {
     let width = frame.cell_width;
     let direction = ray.direction * width / ray.length;
     let across = |axis: DVec3| axis - direction * direction.dot(axis);

@@ -107,7 +107,8 @@ impl Piece {
         let slopes = self.slope[0] / self.slope[1];
         // From an end at which κ is least: j ≤ j0 + s·d and κ = k0 + t·d, so j / κ is at most the
         // larger of j0 / k0 and s / t.
-        let from = |j: f64, k: f64| if j == 0.0 && k == 0.0 { slopes } else { ratio(j, k).max(slopes) };
+        let from =
+            |j: f64, k: f64| if j == 0.0 && k == 0.0 { slopes } else { ratio(j, k).max(slopes) };
         let bound = match k0.total_cmp(&k1) {
             std::cmp::Ordering::Less => from(j0, k0),
             std::cmp::Ordering::Greater => from(j1, k1),
@@ -235,7 +236,8 @@ impl PieceList {
     }
 
     fn index(mut pieces: Vec<Piece>) -> Self {
-        let largest = |piece: &Piece| piece.emission(piece.start.max(0.0)).into_iter().fold(0.0, f64::max);
+        let largest =
+            |piece: &Piece| piece.emission(piece.start.max(0.0)).into_iter().fold(0.0, f64::max);
         let largest = pieces.iter().map(largest).fold(0.0, f64::max);
         for index in 1..pieces.len() {
             pieces[index].step = Step::between(&pieces[index - 1], &pieces[index], largest);
@@ -257,14 +259,18 @@ impl PieceList {
         allowed: impl Fn(f64) -> f64,
     ) -> Self {
         let inner = 1..self.pieces.len() - 1;
-        let thinnest = |piece: &Piece| piece.extinction(piece.start).min(piece.extinction(piece.end));
+        let thinnest =
+            |piece: &Piece| piece.extinction(piece.start).min(piece.extinction(piece.end));
         let (mut merged, mut next) = (vec![self.pieces[0].clone()], inner.start);
         while next < inner.end {
             let (mut best, mut last) = (self.pieces[next].clone(), next);
-            while last + 1 < inner.end && knots.binary_search_by(|k| k.total_cmp(&best.end)).is_err() {
+            while last + 1 < inner.end
+                && knots.binary_search_by(|k| k.total_cmp(&best.end)).is_err()
+            {
                 let mut joined = Piece::between(best.start, self.pieces[last + 1].end, sample);
                 let parts = &self.pieces[next..=last + 1];
-                joined.deviation = parts.iter().map(|part| joined.difference(part)).fold(0.0, f64::max);
+                joined.deviation =
+                    parts.iter().map(|part| joined.difference(part)).fold(0.0, f64::max);
                 joined.is_transparent = parts.iter().all(|part| part.is_transparent);
                 if joined.deviation.is_nan() || joined.deviation > allowed(thinnest(&joined)) {
                     break;

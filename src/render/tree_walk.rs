@@ -5,14 +5,14 @@ use glam::DVec2;
 
 use super::census::{Fate, Tally};
 use super::cut::{Cut, ErrorCut};
+use super::frame::Footprint;
 use super::frame::Frame;
 use super::load::BrickRequest;
 use super::march::Region;
-use super::relief::Distance;
-use super::transfer_pieces::PieceList;
-use super::frame::Footprint;
 use super::rays::{PixelGrid, PixelRect};
+use super::relief::Distance;
 use super::shading::Shading;
+use super::transfer_pieces::PieceList;
 use super::view::View;
 use crate::cache::{BrickPlace, Cursor, FieldRecord, Header, NodeRecord};
 use crate::space::{FRACTION_BITS, Position};
@@ -319,7 +319,8 @@ impl Scenery<'_> {
     /// brick is drawn in place of its children: from the index alone, and what lies in front of
     /// it left aside.
     fn error(&self, request: &BrickRequest, seen: &Seen, cut: &ErrorCut) -> f64 {
-        let Distance { residual, tree, .. } = self.shading.distance(&request.record, &request.field);
+        let Distance { residual, tree, .. } =
+            self.shading.distance(&request.record, &request.field);
         let span = self.bounds.over(tree[0], tree[1]);
         let by_slope = span.slope.times(residual.min(tree[1] - tree[0])).plus(span.jumps);
         let change = by_slope.min(span.variation.plus(span.jumps));
@@ -328,7 +329,8 @@ impl Scenery<'_> {
         let ray = seen.frame.ray(DVec2::new(plane(lo.x, hi.x), plane(lo.y, hi.y)));
         let edge = self.header.shape.edge() as f64;
         let crossing = edge / ray.direction.abs().max_element() * ray.length;
-        let covered = if self.pixels.has_area() { self.pixels.covered(&seen.footprint) } else { 1.0 };
+        let covered =
+            if self.pixels.has_area() { self.pixels.covered(&seen.footprint) } else { 1.0 };
         let light = change.emission + change.extinction * cut.behind;
         crossing * covered * light.max(change.extinction)
     }

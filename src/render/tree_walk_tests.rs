@@ -2,44 +2,81 @@ use glam::DVec2;
 use proptest::prelude::*;
 
 use super::*;
+use crate::cache::BrickShape;
 use crate::render::census::Census;
+use crate::render::cut::FootprintCut;
 use crate::render::test_scene::{domain, scene, view};
 use crate::render::test_tree::{Tree, tree};
+use crate::render::transfer_pieces::TransferPieces;
 use crate::render::walk::clip;
 use crate::scene::Scene;
 
 impl Tree {
     /// All steps of the picture's window, and what became of the bricks.
-    fn walk(&self, scene: &Scene, window: Option<RayRect>) -> (Vec<Step>, Census) {
-        let (header, view) = (self.header(), view(scene));
-        let rays = RayGrid::new(&view, scene.render.samples);
-        let cut = Cut::new(scene, &header.domain, header.shape).unwrap();
-        let shading = Shading::new(&scene.volume, scene.render.interpolation, &header).unwrap();
-        let scenery =
-            Scenery { header: &header, view: &view, rays: &rays, cut: &cut, shading: &shading };
-        let mut index = self.clone();
-        let window = window.unwrap_or(rays.whole());
-        let mut walk = Walk::new(&scenery, &mut index, Census::default(), window);
+    fn walk(&self, scene: &Scene, cut: &Cut, window: Option<PixelRect>) -> (Vec<Step>, Census) {
         let mut steps = Vec::new();
-        while let Some(step) = walk.next(|_| true).unwrap() {
-            steps.push(step);
-        }
-        (steps, walk.into_tally())
+        let census = self.each_step(scene, cut, window, |step| steps.push(step), |_| 1.0);
+        (steps, census)
     }
+
+    /// Hears of all steps where `needed` says how much light from behind is let through.
+    fn each_step(
+        &self,
+        scene: &Scene,
+        cut: &Cut,
+        window: Option<PixelRect>,
+        mut hear: impl FnMut(Step),
+        needed: impl Fn(&PixelRect) -> f64,
+    ) -> Census {
+        let (header, view) = (self.header(), view(scene));
+        let pixels = PixelGrid::new(&view, scene.render.samples);
+        let shading = Shading::new(&scene.volume, scene.render.interpolation, &header).unwrap();
+        let transfer = TransferPieces::new(&shading.transfer, |_| 0.0);
+        let scenery = Scenery {
+            header: &header,
+            view: &view,
+            pixels: &pixels,
+            shading: &shading,
+            bounds: &transfer.all,
+        };
+        let mut index = self.clone();
+        let window = window.unwrap_or(pixels.whole());
+        let mut walk = Walk::new(&scenery, &mut index, Census::default(), cut, window);
+        while let Some(step) = walk.next(&needed).unwrap() {
+            hear(step);
+        }
+        walk.into_tally()
+    }
+}
+
+/// The cut at cells of one pixel.
+fn by_pixels(scene: &Scene) -> Cut {
+    let shape = BrickShape::new(8).unwrap();
+    Cut::Footprint(FootprintCut::new(1.0, scene, &domain(), shape).unwrap())
+}
+
+/// The cut at bricks whose light may be off by this much.
+fn by_error(limit: f64) -> Cut {
+    Cut::Error(ErrorCut { limit, behind: 1.0 })
 }
 
 /// The stretches (σ from the eye or the position, code length) of ray (x, y) in the steps that
 /// name it, in their order.
-fn stretches(grid: &RayGrid, steps: &[Step], [x, y]: [u32; 2]) -> Vec<(f64, f64)> {
-    let plane = DVec2::new(grid.column(x), grid.row(y));
+fn stretches(view: &View, steps: &[Step], [x, y]: [u32; 2]) -> Vec<(f64, f64)> {
+    let plane = centre(view, [x, y]);
     let named =
-        steps.iter().filter(|s| s.rays.columns().contains(&x) && s.rays.rows().contains(&y));
+        steps.iter().filter(|s| s.pixels.columns().contains(&x) && s.pixels.rows().contains(&y));
     named
         .filter_map(|step| {
             let (from, to) = clip(&step.frame.ray(plane), step.region.lo, step.region.hi)?;
             Some((from + step.frame.depth, to + step.frame.depth))
         })
         .collect()
+}
+
+/// (P, Q) of a pixel's centre.
+fn centre(view: &View, [x, y]: [u32; 2]) -> DVec2 {
+    view.plane(f64::from(x) + 0.5, f64::from(y) + 0.5)
 }
 
 /// A ray's way through the domain by one slab test in f64, code length along the view direction.
@@ -94,9 +131,13 @@ proptest! {
     fn every_ray_meets_every_point_of_its_path_once_front_to_back(
         camera in cameras(),
         masks in prop::collection::vec(any::<u8>(), 1..40),
-        tolerance in prop_oneof![Just("tolerance = 0"), Just("tolerance = \"1%\"")],
+        cut in prop_oneof![
+            Just(Some(Cut::FullDepth)),
+            Just(None),
+            (-4.0..1.0).prop_map(|power: f64| Some(by_error(10f64.powf(power)))),
+        ],
     ) {
-        meets_every_point_once(&camera.0, &masks, tolerance)?;
+        meets_every_point_once(&camera.0, &masks, cut)?;
     }
 
     #[test]
@@ -105,12 +146,12 @@ proptest! {
         masks in prop::collection::vec(any::<u8>(), 1..40),
     ) {
         let scene = scene_from(&camera.0, "samples = 1\ntolerance = 0");
-        let window = RayRect { lo: [3, 5], hi: [17, 9] };
-        let (steps, census) = tree(&masks, 4).walk(&scene, Some(window));
+        let window = PixelRect { lo: [3, 5], hi: [17, 9] };
+        let (steps, census) = tree(&masks, 4).walk(&scene, &Cut::FullDepth, Some(window));
         let mut finished = std::collections::HashSet::new();
         for step in &steps {
-            prop_assert_eq!(step.rays.intersection(&window), step.rays);
-            prop_assert!(!step.rays.is_empty());
+            prop_assert_eq!(step.pixels.intersection(&window), step.pixels);
+            prop_assert!(!step.pixels.is_empty());
             prop_assert!(!finished.contains(&step.request.node));
             if step.is_last {
                 finished.insert(step.request.node);
@@ -125,21 +166,24 @@ proptest! {
 #[test]
 fn an_eye_in_a_corner_sees_every_point_once() {
     let camera = "position = [0.8, 0.1, 1.0]\nlook_at = [0.3, 0.05, 0.2]\nfov = 100.0";
-    meets_every_point_once(camera, &[103], "tolerance = 0").unwrap();
+    meets_every_point_once(camera, &[103], Some(Cut::FullDepth)).unwrap();
 }
 
+/// With the cut by pixels if there is no other.
 fn meets_every_point_once(
     camera: &str,
     masks: &[u8],
-    tolerance: &str,
+    cut: Option<Cut>,
 ) -> Result<(), TestCaseError> {
-    let scene = scene_from(camera, &format!("samples = 1\n{tolerance}"));
-    let (steps, census) = tree(masks, 5).walk(&scene, None);
-    let grid = RayGrid::new(&view(&scene), scene.render.samples);
+    let scene = scene_from(camera, "samples = 1");
+    let cut = cut.unwrap_or_else(|| by_pixels(&scene));
+    let tree = tree(masks, 5);
+    let (steps, census) = tree.walk(&scene, &cut, None);
+    let view = view(&scene);
     for ray in (0..24).flat_map(|x| (0..24).map(move |y| [x, y])) {
-        let found = stretches(&grid, &steps, ray);
+        let found = stretches(&view, &steps, ray);
         let length: f64 = found.iter().map(|(from, to)| to - from).sum();
-        let expected = whole_path(&scene, DVec2::new(grid.column(ray[0]), grid.row(ray[1])));
+        let expected = whole_path(&scene, centre(&view, ray));
         prop_assert!((length - expected).abs() < 1e-9, "{ray:?}: {length} of {expected}");
         // Where the eye lies in a face, rounding may leave a sliver of the brick behind it.
         let found: Vec<_> = found.into_iter().filter(|(from, to)| to - from > 1e-10).collect();
@@ -147,7 +191,7 @@ fn meets_every_point_once(
             prop_assert!(pair[0].1 <= pair[1].0 + 1e-9, "{ray:?}: {pair:?}");
         }
     }
-    let nodes = tree(masks, 5).nodes();
+    let nodes = tree.nodes();
     prop_assert_eq!(census.out_of_view + census.coarser + census.covered + census.drawn, nodes);
     prop_assert_eq!((census.transparent, census.hidden), (0, 0));
     Ok(())
@@ -161,7 +205,7 @@ fn every_brick_meets_one_fate() {
     for node in [9, 30] {
         tree.nodes[node].1.flags = FieldRecord::VOID;
     }
-    let (steps, census) = tree.walk(&scene, None);
+    let (steps, census) = tree.walk(&scene, &Cut::FullDepth, None);
     let skipped: u64 = [9, 30].iter().map(|&node| tree.nodes[node].0.descendants + 1).sum();
     assert_eq!(census.transparent, skipped);
     let Census { out_of_view, transparent, coarser, covered, hidden, drawn } = census;
@@ -173,21 +217,37 @@ fn every_brick_meets_one_fate() {
 fn what_is_not_needed_is_left_out_with_all_beneath() {
     let tree = tree(&[0xff], 3);
     let scene = scene("samples = 1\ntolerance = 0", 24, 24);
-    let (header, view) = (tree.header(), view(&scene));
-    let rays = RayGrid::new(&view, scene.render.samples);
-    let cut = Cut::new(&scene, &header.domain, header.shape).unwrap();
-    let shading = Shading::new(&scene.volume, scene.render.interpolation, &header).unwrap();
-    let scenery =
-        Scenery { header: &header, view: &view, rays: &rays, cut: &cut, shading: &shading };
-    let mut index = tree.clone();
-    let mut walk = Walk::new(&scenery, &mut index, Census::default(), rays.whole());
-    let mut drawn = 0;
+    let drawn = std::cell::Cell::new(0);
     // As if the first five steps had made everything opaque.
-    while walk.next(|_| drawn < 5).unwrap().is_some() {
-        drawn += 1;
-    }
-    assert_eq!(drawn, 5);
-    let census = walk.into_tally();
+    let needed = |_: &PixelRect| if drawn.get() < 5 { 1.0 } else { 0.0 };
+    let hear = |_| drawn.set(drawn.get() + 1);
+    let census = tree.each_step(&scene, &Cut::FullDepth, None, hear, needed);
+    assert_eq!(drawn.get(), 5);
     assert_eq!((census.drawn, census.out_of_view), (5, 0));
     assert_eq!(census.hidden + census.drawn + census.covered, tree.nodes());
+}
+
+#[test]
+fn the_cut_by_error_goes_from_all_to_nothing() {
+    let tree = tree(&[0xff, 0b1011_0111], 5);
+    let scene = scene("samples = 1\ntolerance = 0", 24, 24);
+    let nodes = |cut: &Cut| {
+        let (steps, census) = tree.walk(&scene, cut, None);
+        (steps.iter().map(|step| step.request.node).collect::<Vec<_>>(), census)
+    };
+    let (all, _) = nodes(&Cut::FullDepth);
+    assert_eq!(nodes(&by_error(0.0)).0, all, "nothing may be off");
+    let (only_root, census) = nodes(&by_error(f64::INFINITY));
+    assert_eq!((only_root, census.coarser), (vec![0], tree.nodes() - 1));
+    // The less may be off, the more is drawn; what lies behind a veil counts by what that lets
+    // through.
+    let limits = [64.0, 32.0, 16.0, 8.0, 4.0, 2.0, 1.0];
+    let drawn = |through: f64| {
+        let census =
+            |limit| tree.each_step(&scene, &by_error(limit), None, |_| (), |_| through).drawn;
+        limits.map(census)
+    };
+    let (bare, veiled) = (drawn(1.0), drawn(0.25));
+    assert!(bare.is_sorted() && bare[0] < bare[3] && bare[3] < bare[6], "{bare:?}");
+    assert_eq!(veiled[2..], bare[..5]);
 }

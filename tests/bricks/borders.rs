@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use deepfield::cache::state;
-use deepfield::render::cut::Cut;
+use deepfield::render::cut::FootprintCut;
 use deepfield::space::{FRACTION_BITS, Position};
 
 use super::random::Random;
@@ -183,7 +183,7 @@ impl Tree<'_> {
 
 /// Borders that `cut` makes: where a drawn brick touches one that is drawn coarser though it has
 /// finer ones beneath.
-pub(crate) fn of_cut(tree: &Tree<'_>, cut: &Cut) -> BTreeMap<Kind, Vec<Border>> {
+pub(crate) fn of_cut(tree: &Tree<'_>, cut: &FootprintCut) -> BTreeMap<Kind, Vec<Border>> {
     let mut found: BTreeMap<Kind, Vec<Border>> = BTreeMap::new();
     for node in drawn(tree, cut) {
         let raw = tree.raw(node);
@@ -203,7 +203,7 @@ pub(crate) fn of_cut(tree: &Tree<'_>, cut: &Cut) -> BTreeMap<Kind, Vec<Border>> 
 }
 
 /// The bricks that are drawn, at least in some octant.
-fn drawn<'n>(tree: &'n Tree<'_>, cut: &Cut) -> Vec<&'n Node> {
+fn drawn<'n>(tree: &'n Tree<'_>, cut: &FootprintCut) -> Vec<&'n Node> {
     let mut drawn = Vec::new();
     let mut waiting = vec![&tree.nodes[0]];
     while let Some(node) = waiting.pop() {
@@ -221,7 +221,7 @@ fn drawn<'n>(tree: &'n Tree<'_>, cut: &Cut) -> Vec<&'n Node> {
 /// the cut does not open lies beyond, and how many levels coarser that is.
 fn coarser_beyond(
     tree: &Tree<'_>,
-    cut: &Cut,
+    cut: &FootprintCut,
     node: &Node,
     step: [i128; 3],
 ) -> Option<(i32, Border)> {

@@ -14,7 +14,7 @@ use std::collections::HashMap;
 use std::rc::Rc;
 
 use deepfield::cache::{BrickPlace, Cache, Decoder, FieldRecord, NodeRecord, RawBrick, state};
-use deepfield::render::cut::Cut;
+use deepfield::render::cut::FootprintCut;
 use deepfield::render::interpolant::DrawnNeighbours;
 use deepfield::render::scaled::ScaledBrick;
 use deepfield::scene::Interpolation;
@@ -122,7 +122,7 @@ impl<'c> Tree<'c> {
 
     /// The bricks that hold `position`, from the root to the one that is drawn: the finest, or
     /// the first that `cut` does not open.
-    pub(crate) fn path(&self, position: &Position, cut: Option<&Cut>) -> Vec<&Node> {
+    pub(crate) fn path(&self, position: &Position, cut: Option<&FootprintCut>) -> Vec<&Node> {
         let mut path = vec![&self.nodes[0]];
         loop {
             let node = path[path.len() - 1];
@@ -159,7 +159,12 @@ impl<'c> Tree<'c> {
     }
 
     /// What is drawn at `position`.
-    pub(crate) fn drawn(&self, position: &Position, cut: Option<&Cut>, scale: Scale) -> f64 {
+    pub(crate) fn drawn(
+        &self,
+        position: &Position,
+        cut: Option<&FootprintCut>,
+        scale: Scale,
+    ) -> f64 {
         let path = self.path(position, cut);
         let node = path[path.len() - 1];
         let drawn = cut.map_or(DrawnNeighbours::ALL, |cut| cut.drawn_neighbours(&node.place));

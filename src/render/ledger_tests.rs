@@ -1,0 +1,225 @@
+//! What a ray's account says of its square, against all rays of it.
+
+use proptest::prelude::*;
+
+use super::frame::{Footprint, Frame};
+use super::interpolant::DrawnNeighbours;
+use super::march::{Light, Passage, Region, march};
+use super::march_tests::{shells, smooth, steps, transfer};
+use super::ray_error::RayError;
+use super::ray_state::{Ending, RayState};
+use super::rays::{PixelGrid, Square};
+use super::relief::Distance;
+use super::scaled::ScaledBrick;
+use super::test_data::{TestData, linear, rough};
+use super::tile::{beam, meets};
+use super::transfer_pieces::TransferPieces;
+use super::view::View;
+use crate::scene::{Interpolation, Scene, TransferFunction};
+
+const EDGE: i128 = 8;
+/// Rays across a square.
+const RAYS: u32 = 16;
+
+struct Part {
+    brick: ScaledBrick,
+    region: Region,
+    frame: Frame,
+    footprint: Footprint,
+}
+
+/// Bricks before a camera, front to back.
+struct Stage {
+    grid: PixelGrid,
+    parts: Vec<Part>,
+    transfer: TransferPieces,
+    longest: f64,
+}
+
+impl Stage {
+    /// One brick, as if the domain ended at its faces; or all of a domain with one level.
+    fn new(
+        data: &TestData,
+        (level, bricks): (u32, &[[i128; 3]]),
+        scene: &Scene,
+        transfer: &TransferFunction,
+        interpolation: Interpolation,
+    ) -> Self {
+        let view = View::new(scene, &data.domain).unwrap();
+        let transfer = TransferPieces::new(transfer, |_| 0.0);
+        let eye = data.domain.position(&scene.camera.position).unwrap();
+        let eye = data.domain.cell_of(level as i32, &eye).map(|c| c.div_euclid(EDGE));
+        let mut order = bricks.to_vec();
+        order.sort_by_key(|at| (0..3).map(|a| (at[a] - eye[a]).abs()).sum::<i128>());
+        let part = |at: &[i128; 3]| {
+            let mut brick = data.brick(level, *at, EDGE as u32, interpolation);
+            let distance =
+                Distance { residual: 0.0, child_mask: 0, tree: [0.0, 1.0], storage: 0.0 };
+            brick.survey(&transfer.all, &distance);
+            let corner = data.domain.cell_corner(level as i32, at.map(|c| c * EDGE));
+            let frame = view.frame(&corner, level as i32, EDGE as f64);
+            let region = region(data, level, *at, bricks.len() == 1);
+            Some(Part { brick, region, frame, footprint: frame.footprint(EDGE as f64)? })
+        };
+        let parts = order.iter().filter_map(part).collect();
+        let size = data.domain.difference(&data.domain.upper(), &data.domain.cell_corner(0, [0; 3]));
+        let grid = PixelGrid::new(&view, scene.render.samples);
+        Self { grid, parts, transfer, longest: size.length() }
+    }
+
+    fn brightest(&self) -> f64 {
+        self.transfer.brightest().min(self.transfer.largest_emission() * self.longest)
+    }
+
+    /// What the square's ray gathers, and its account if asked for.
+    fn gather(&self, square: &Square, accounts: bool) -> (RayState, RayError) {
+        let (mut state, mut error) = (RayState::default(), RayError::default());
+        let light =
+            Light { pieces: &self.transfer.all, ending: Ending::new(self.brightest(), 0.0) };
+        let (plane, half) = (self.grid.plane(square), self.grid.half(square));
+        for Part { brick, region, frame, footprint } in &self.parts {
+            if !meets(footprint, plane, half) {
+                continue;
+            }
+            let ray = frame.ray(plane);
+            let covered = self.grid.covered(footprint) / self.grid.weight(square);
+            let beam = beam(frame, &ray, half, covered);
+            let passage = Passage {
+                brick,
+                region: *region,
+                drawn: DrawnNeighbours::ALL,
+                hides: false,
+            };
+            let account = accounts.then_some((&mut error, &beam));
+            march(&passage, &ray, &light, &mut state, account);
+        }
+        (state, error)
+    }
+
+    /// Compares the square's centre with [`RAYS`]² rays of it.
+    fn check(&self, square: &Square) -> Result<(), TestCaseError> {
+        let (state, error) = self.gather(square, true);
+        let centre = channels(&state);
+        let (light, opacity, brightest) = (state.light(), state.opacity(), self.brightest());
+        let farthest = error.off_by(error.farthest, light, brightest);
+        let area = error.shares(light, opacity, brightest, 0.0).pixel_area;
+        let (mut mean, mut worst) = ([0.0; 4], 0.0_f64);
+        let width = 2.0 * square.half();
+        for n in 0..RAYS * RAYS {
+            let off = [n % RAYS, n / RAYS]
+                .map(|i| ((f64::from(i) + 0.5) / f64::from(RAYS) - 0.5) * width);
+            let centre_of = [square.centre[0] + off[0], square.centre[1] + off[1]];
+            let (other, _) = self.gather(&Square { centre: centre_of, ..*square }, false);
+            for (c, value) in channels(&other).into_iter().enumerate() {
+                mean[c] += value / f64::from(RAYS * RAYS);
+                worst = worst.max((value - centre[c]).abs());
+            }
+        }
+        let rounding = 1e-9 * (1.0 + light);
+        prop_assert!(worst <= farthest + rounding, "farthest {worst:e}, not {farthest:e}");
+        let off = (0..4).map(|c| (mean[c] - centre[c]).abs()).fold(0.0, f64::max);
+        prop_assert!(off <= area + rounding, "mean {off:e}, not {area:e}");
+        Ok(())
+    }
+}
+
+fn channels(state: &RayState) -> [f64; 4] {
+    let [r, g, b] = state.radiance;
+    [r, g, b, state.opacity()]
+}
+
+/// All of a brick within the domain, and where that ends.
+fn region(data: &TestData, level: u32, at: [i128; 3], is_alone: bool) -> Region {
+    let cells = data.domain.root_cells().map(|n| i128::from(n) << level);
+    let hi: [f64; 3] = std::array::from_fn(|a| EDGE.min(cells[a] - at[a] * EDGE) as f64);
+    let ends = (0..3).fold(0, |ends, a| {
+        let (lower, upper) = (at[a] == 0, (at[a] + 1) * EDGE >= cells[a]);
+        ends | u8::from(lower) << a | u8::from(upper) << (3 + a)
+    });
+    Region { lo: [0.0; 3], hi, ends: if is_alone { 0x3f } else { ends } }
+}
+
+/// A camera `distance` away from `target`, in a random direction.
+fn camera(target: [f64; 3], off: [f64; 3], fov: f64, projection: Option<f64>) -> Scene {
+    let eye: [f64; 3] = std::array::from_fn(|a| target[a] + off[a]);
+    let lens = match projection {
+        Some(height) => format!("projection = \"orthographic\"\nheight = {height}"),
+        None => format!("fov = {fov}"),
+    };
+    let text = format!(
+        "[image]\nwidth = 6\nheight = 6\n[camera]\nposition = {eye:?}\nlook_at = {target:?}\n\
+         up = [0.31, 1.0, 0.17]\n{lens}\n[render]\nsamples = \"area\"\n\
+         [[volume]]\nfield = \"Density\"\n"
+    );
+    Scene::parse(&text, "test").unwrap()
+}
+
+fn media(number: usize) -> TransferFunction {
+    let emission = [(0.0, 0.0), (0.5, 2.0), (1.0, 0.5)];
+    match number {
+        0 => smooth(),
+        1 => shells(),
+        2 => steps(),
+        3 => transfer(&[(0.0, 0.0)], &emission),
+        _ => transfer(&[(0.0, 30.0), (1.0, 90.0)], &emission.map(|(x, j)| (x, 60.0 * j))),
+    }
+}
+
+fn squares() -> impl Strategy<Value = Vec<Square>> {
+    let square = (prop::array::uniform2(0.0..6.0_f64), 0..8_u8)
+        .prop_map(|(centre, halvings)| Square { centre, pixel: 0, halvings });
+    prop::collection::vec(square, 12)
+}
+
+fn interpolations() -> impl Strategy<Value = Interpolation> {
+    prop_oneof![Just(Interpolation::Linear), Just(Interpolation::Cell)]
+}
+
+const ALONE: [(u32, [i128; 3]); 5] =
+    [(0, [1, 0, 1]), (1, [1, 0, 1]), (2, [2, 1, 2]), (3, [4, 3, 5]), (3, [4, 5, 6])];
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(80))]
+
+    #[test]
+    fn a_square_of_one_brick_is_as_far_off_as_its_account_says(
+        number in 0..ALONE.len(),
+        off in prop::array::uniform3(-2.5..2.5_f64),
+        (fov, is_flat) in (20.0..90.0_f64, any::<bool>()),
+        medium in 0..5_usize,
+        interpolation in interpolations(),
+        squares in squares(),
+    ) {
+        let (level, at) = ALONE[number];
+        let data = TestData::new(rough);
+        let width = data.domain.cell_width(level as i32) * EDGE as f64;
+        let left = data.domain.left();
+        let target = std::array::from_fn(|a| left[a] + (at[a] as f64 + 0.5) * width[a]);
+        let off = std::array::from_fn(|a| off[a] * width.max_element());
+        let flat = is_flat.then(|| width.max_element() * 1.5);
+        let scene = camera(target, off, fov, flat);
+        let stage = Stage::new(&data, (level, &[at]), &scene, &media(medium), interpolation);
+        for square in squares {
+            stage.check(&square)?;
+        }
+    }
+
+    #[test]
+    fn a_square_of_many_bricks_is_as_far_off_as_its_account_says(
+        is_rough in any::<bool>(),
+        off in prop::array::uniform3(-3.0..3.0_f64),
+        fov in 20.0..90.0_f64,
+        medium in 0..5_usize,
+        interpolation in interpolations(),
+        squares in squares(),
+    ) {
+        let data = TestData::one_level(if is_rough { rough } else { linear });
+        let bricks: Vec<[i128; 3]> =
+            (0..12).map(|n| [n % 3, n / 3 % 2, n / 6]).collect();
+        let scene = camera([1.0, 0.5, 1.5], off, fov, None);
+        let stage = Stage::new(&data, (0, &bricks), &scene, &media(medium), interpolation);
+        for square in squares {
+            stage.check(&square)?;
+        }
+    }
+}
