@@ -62,7 +62,8 @@ impl Stage {
             Some(Part { brick, region, frame, footprint: frame.footprint(EDGE as f64)? })
         };
         let parts = order.iter().filter_map(part).collect();
-        let size = data.domain.difference(&data.domain.upper(), &data.domain.cell_corner(0, [0; 3]));
+        let size =
+            data.domain.difference(&data.domain.upper(), &data.domain.cell_corner(0, [0; 3]));
         let grid = PixelGrid::new(&view, scene.render.samples);
         Self { grid, parts, transfer, longest: size.length() }
     }
@@ -84,12 +85,8 @@ impl Stage {
             let ray = frame.ray(plane);
             let covered = self.grid.covered(footprint) / self.grid.weight(square);
             let beam = beam(frame, &ray, half, covered);
-            let passage = Passage {
-                brick,
-                region: *region,
-                drawn: DrawnNeighbours::ALL,
-                hides: false,
-            };
+            let passage =
+                Passage { brick, region: *region, drawn: DrawnNeighbours::ALL, hides: false };
             let account = accounts.then_some((&mut error, &beam));
             march(&passage, &ray, &light, &mut state, account);
         }

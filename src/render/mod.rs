@@ -239,7 +239,10 @@ impl Studio<'_> {
             },
             behind: glance,
             rays_per_pixel: MOST_RAYS_PER_PIXEL
-                .min(MOST_RAYS / (u64::from(pixels.view().width()) * u64::from(pixels.view().height())))
+                .min(
+                    MOST_RAYS
+                        / (u64::from(pixels.view().width()) * u64::from(pixels.view().height())),
+                )
                 .max(FEWEST_RAYS_PER_PIXEL),
             all_levels: is_exact,
         };
