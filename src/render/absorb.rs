@@ -1,5 +1,6 @@
 //! Emission and absorption where the mapped value is a polynomial along the ray.
 
+use super::crossing::{Crossing, is_clean};
 use super::polynomial::Polynomial;
 use super::ray_error::{Change, Sums};
 use super::ray_state::{Ending, RayState, SERIES_DEPTH, mean_series};
@@ -105,7 +106,7 @@ impl<'a> Integrator<'a> {
     }
 }
 
-impl Integrator<'_> {
+impl<'a> Integrator<'a> {
     /// Whether nothing further can change the picture.
     #[inline]
     pub(super) fn is_faded(&self) -> bool {
@@ -114,17 +115,14 @@ impl Integrator<'_> {
 
     /// A stretch of `length` code lengths along which the mapped value is `x`.
     pub(super) fn along<const N: usize>(&mut self, x: &Polynomial<N>, length: f64) {
-        if let Some(reach) = self.reach {
-            self.look_around(x, range(&x.control_points()), reach, length);
-        }
         self.search(x, length, SEARCH_HALVINGS);
     }
 
     /// A stretch within one piece of the transfer function, `x` in `range`.
     #[inline]
-    pub(super) fn along_piece(
+    pub(super) fn along_piece<const N: usize>(
         &mut self,
-        x: &Polynomial<4>,
+        x: &Polynomial<N>,
         piece: &Piece,
         range: [f64; 2],
         length: f64,
@@ -132,12 +130,13 @@ impl Integrator<'_> {
         if let Some(reach) = self.reach
             && (range[0] - reach < piece.start || range[1] + reach >= piece.end)
         {
-            self.look_around(x, range, reach, length);
+            self.look_around(x, range, reach, length, false);
         }
         self.within(x, piece, range, length);
     }
 
-    /// Tallies the steps of the transfer function that lie within `reach` of `x`.
+    /// Tallies the steps of the transfer function that lie within `reach` of `x`, but, if x is
+    /// `monotone`, for those that are crossed with nothing else near.
     #[cold]
     fn look_around<const N: usize>(
         &mut self,
@@ -145,6 +144,7 @@ impl Integrator<'_> {
         [low, high]: [f64; 2],
         reach: f64,
         length: f64,
+        monotone: bool,
     ) {
         let (first, last) = (self.pieces.find(low - reach), self.pieces.find(high + reach));
         for index in first + 1..=last {
@@ -152,7 +152,10 @@ impl Integrator<'_> {
             if !piece.step.is_nothing() {
                 let near = length * x.share_near(piece.start, reach);
                 let lit = near * self.state.transmittance;
-                self.tally.jumps.add(piece.step.jump, near, lit);
+                let pair = [self.pieces.piece(index - 1), piece];
+                if !(monotone && is_clean([low, high], pair, reach)) {
+                    self.tally.jumps.add(piece.step.jump, near, lit);
+                }
                 self.tally.kinks.add(piece.step.kink, near, lit);
                 self.tally.bend += piece.step.bend * lit;
             }
@@ -184,7 +187,7 @@ impl Integrator<'_> {
         let [low, high] = range(&points);
         let piece = self.pieces.at(low);
         if high < piece.end {
-            return self.within(x, piece, [low, high], length);
+            return self.along_piece(x, piece, [low, high], length);
         }
         let (rising, falling) = points.windows(2).fold((true, true), |(rising, falling), pair| {
             (rising && pair[0] <= pair[1], falling && pair[0] >= pair[1])
@@ -204,8 +207,13 @@ impl Integrator<'_> {
 
     /// Walks a monotone `x` from piece to piece of the transfer function.
     fn cross<const N: usize>(&mut self, x: &Polynomial<N>, length: f64, rising: bool) {
-        let (mut index, last) = (self.pieces.find(x.at(0.0)), self.pieces.find(x.at(1.0)));
-        let (mut from, mut entry) = (0.0, x.at(0.0));
+        let ends = [x.at(0.0), x.at(1.0)];
+        if let Some(reach) = self.reach {
+            self.look_around(x, range(&ends), reach, length, true);
+        }
+        let (mut index, last) = (self.pieces.find(ends[0]), self.pieces.find(ends[1]));
+        let (mut from, mut entry) = (0.0, ends[0]);
+        let mut crossing: Option<Crossing<'_>> = None;
         loop {
             let piece = self.pieces.piece(index);
             let is_last = if rising { index >= last } else { index <= last };
@@ -215,13 +223,40 @@ impl Integrator<'_> {
                 (_, false) => piece.start,
             };
             let to = if is_last { 1.0 } else { x.solve(exit, from) };
+            if let Some(crossing) = crossing.take() {
+                let sums = crossing.sums(x, length, [from, to], piece, self.ending.brightest);
+                self.tally.jumps = self.tally.jumps.plus(sums);
+            }
+            let before = self.state.transmittance;
             self.part(x, [from, to], [entry, exit], piece, length);
             if is_last {
                 return;
             }
             (from, entry) = (to, exit);
+            let lower = if rising { index } else { index - 1 };
+            crossing = self.crossing(x, length, lower, piece, before);
             index = if rising { index + 1 } else { index - 1 };
         }
+    }
+
+    /// The way's crossing of the step behind piece `lower`, out of the piece `before`, if that is
+    /// tallied with what follows it.
+    fn crossing<const N: usize>(
+        &self,
+        x: &Polynomial<N>,
+        length: f64,
+        lower: usize,
+        before: &'a Piece,
+        transmittance: f64,
+    ) -> Option<Crossing<'a>> {
+        let reach = self.reach?;
+        let pieces = self.pieces;
+        let pair = [pieces.piece(lower), pieces.piece(lower + 1)];
+        let step = &pair[1].step;
+        let is_alone = !step.is_nothing() && is_clean([x.at(0.0), x.at(1.0)], pair, reach);
+        let at = (step, pair[1].start, reach);
+        let both = [transmittance, self.state.transmittance];
+        is_alone.then(|| Crossing::new(x, length, at, before, both))
     }
 
     /// The part of a monotone `x` over s in [`from`, `to`], which crosses `piece` from x =
@@ -264,7 +299,7 @@ impl Integrator<'_> {
     /// A whole cell of constant `x`.
     pub(super) fn cell(&mut self, x: f64, length: f64) {
         if let Some(reach) = self.reach {
-            self.look_around(&Polynomial([x]), [x, x], reach, length);
+            self.look_around(&Polynomial([x]), [x, x], reach, length, false);
         }
         self.constant(x, length);
     }

@@ -161,9 +161,15 @@ impl<'a> Ledger<'a> {
         }
         let group = self.group();
         self.error.quadrature += tally.quadrature;
-        self.error.storage.add(group.storage, tally.length, tally.lit);
+        let steepest = tally.slope.plus(tally.kinks);
+        let stored = steepest.times(self.relief.storage_reach);
+        self.error.storage = self.error.storage.plus(stored);
         if self.hides {
-            self.error.levels.add(group.levels, tally.length, tally.lit);
+            let mut levels = Sums::of(group.levels, tally.length, tally.lit);
+            if self.relief.levels_reach > 0.0 {
+                levels = levels.min(steepest.times(self.relief.levels_reach));
+            }
+            self.error.levels = self.error.levels.plus(levels);
         }
         if self.is_spread() {
             self.add_spread(&tally, group.border());

@@ -12,6 +12,7 @@ mod absorb;
 mod axis;
 mod blend;
 pub mod census;
+mod crossing;
 pub mod cut;
 mod fill;
 pub mod frame;

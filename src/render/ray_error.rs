@@ -78,6 +78,14 @@ impl Sums {
         }
     }
 
+    pub(super) fn min(self, other: Self) -> Self {
+        Self {
+            emission: self.emission.min(other.emission),
+            dimmed: self.dimmed.min(other.dimmed),
+            extinction: self.extinction.min(other.extinction),
+        }
+    }
+
     pub(super) fn times(self, factor: f64) -> Self {
         Self {
             emission: self.emission * factor,

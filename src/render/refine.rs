@@ -11,7 +11,7 @@ use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
 /// The part of the goal that a first batch leaves to a single brick: few bricks along a ray are
 /// off by as much as the cut allows.
 const FIRST_LIMIT: f64 = 0.3;
-/// The part of a pixel's error that may come from levels.
+/// The part of a pixel's error that may come from levels, of what levels and area may be off by.
 const LEVELS_SHARE: f64 = 0.5;
 /// A cut is made finer by at least, and at most, these factors.
 const FINER: [f64; 2] = [0.5, 1.0 / 32.0];
@@ -156,14 +156,17 @@ impl Sheet {
                 mean.add(shares, weight(square) / whole);
             }
             let allowed = self.goal.as_ref().map_or(f64::INFINITY, |goal| goal.tolerance);
-            let rate = pixel.rate(allowed);
+            // What neither finer levels nor more rays change: no work is spent far below it.
+            let fixed = mean.total() - mean.levels - mean.pixel_area;
+            let rate = pixel.rate(allowed).max(2.0 * fixed);
             if mean.total() <= rate || !can_go_on {
                 found.iter().for_each(|found| pixel.take(found, weight(&found.0)));
                 continue;
             }
             let can_be_finer = !matches!(batch.cut, Cut::FullDepth);
-            if can_be_finer && mean.levels > LEVELS_SHARE * rate {
-                worst = worst.max(mean.levels / rate);
+            let room = rate - fixed;
+            if can_be_finer && mean.levels > LEVELS_SHARE * room {
+                worst = worst.max(mean.levels / room);
                 finer.extend(found.iter().map(|(square, ..)| *square));
                 continue;
             }

@@ -54,7 +54,7 @@ fn draw(sheet: &mut Sheet, samples: &str, goal: Goal, errors: &Errors) -> u64 {
 
 fn errors() -> impl Strategy<Value = Errors> {
     let area = prop::collection::vec((-3.0..1.0).prop_map(|p: f64| 10f64.powf(p)), 1..20);
-    (area, 1..3, 0.0..40.0, 0.0..0.9).prop_map(|(area, order, levels, fixed)| Errors {
+    (area, 1..3, 0.0..40.0, 0.0..0.5).prop_map(|(area, order, levels, fixed)| Errors {
         area,
         order,
         levels,

@@ -25,8 +25,6 @@ pub(super) struct Group {
     pub(super) uneven: [f64; 3],
     /// Change by what is beneath the brick.
     pub(super) levels: Change,
-    /// Change by how values are stored.
-    pub(super) storage: Change,
     /// What the transfer function does over the range.
     pub(super) span: Span,
     /// Whether part of the group is void: what is drawn ends there.
@@ -141,7 +139,6 @@ impl Group {
             // Slopes of both signs: the range of all of them.
             uneven: slope,
             levels: self.levels.max(other.levels),
-            storage: self.storage.max(other.storage),
             span: self.span.max(other.span),
             has_void: self.has_void || other.has_void,
         }
@@ -165,8 +162,7 @@ impl Looker<'_> {
             return group;
         }
         group.span = self.pieces.over(group.low, group.high);
-        let Distance { residual, storage, tree, .. } = *self.distance;
-        group.storage = self.change(&group, storage);
+        let Distance { residual, tree, .. } = *self.distance;
         if residual > 0.0 && self.has_children(first) {
             group.levels = if self.brick.is_piecewise_constant() || !(residual < FAR) {
                 self.far_change(&group, residual, tree)

@@ -1,0 +1,147 @@
+//! Where a ray crosses a step of the transfer function, and what it means that the truth crosses
+//! it a little earlier or later.
+//!
+//! Let x come within `reach` of the step between the places a and b of the ray. There the truth
+//! and what is marched are mixes of the media on both sides; by "ray_error" the picture is off by
+//! `T̃(a)·|(Ĩ_ab + T̃_ab·L_b) − (I_ab + T_ab·L_b)|`, with L_b the light from behind b. What a
+//! medium emits and absorbs mixes its source function S = j / κ into the light from behind, so
+//! that both sums lie between the values of S near b and L_b, but for what the medium before the
+//! step adds. And behind b, where the truth has crossed as well, an opaque medium gives light
+//! near S: L_b lies as near as S varies until e^−τ is left of anything else. So a surface that
+//! moves within what lies before it is seen changes the picture by little, however steep it is.
+
+use super::polynomial::Polynomial;
+use super::ray_error::Sums;
+use super::transfer_pieces::{Piece, Step};
+
+/// Optical depth behind which nothing is seen.
+const OPAQUE: f64 = 40.0;
+
+/// A crossing that has nothing else within reach.
+pub(super) struct Crossing<'p> {
+    step: &'p Step,
+    before: &'p Piece,
+    /// Where x is the step's place.
+    place: f64,
+    reach: f64,
+    /// Code lengths within reach of the step.
+    near: f64,
+    /// Transmittance at most within reach.
+    transmittance: f64,
+}
+
+/// Whether a monotone way between x = `ends` comes from beyond `reach` of `step`, the start of
+/// the second of two pieces, and leaves it beyond, with no other step in between.
+pub(super) fn is_clean(ends: [f64; 2], [lower, upper]: [&Piece; 2], reach: f64) -> bool {
+    let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+    let within = |end: f64| end - upper.start > reach;
+    within(upper.end.min(high)) && upper.start - lower.start.max(low) > reach
+}
+
+impl<'p> Crossing<'p> {
+    /// A way along `x`, monotone and of `length`, crosses `step` from the piece `before` where
+    /// transmittance falls `from` one value `to` another within the piece.
+    pub(super) fn new<const N: usize>(
+        x: &Polynomial<N>,
+        length: f64,
+        (step, place, reach): (&'p Step, f64, f64),
+        before: &'p Piece,
+        [from, to]: [f64; 2],
+    ) -> Self {
+        let near = length * x.share_near(place, reach);
+        let extinction = before.extinction(place - reach).max(before.extinction(place + reach));
+        let transmittance = from.min(to * (extinction * near).exp());
+        Self { step, before, place, reach, near, transmittance }
+    }
+
+    /// What the picture may be off by where the way goes on through `after` over s in [`from`,
+    /// `to`], and no light is brighter than `brightest`.
+    pub(super) fn sums<const N: usize>(
+        &self,
+        x: &Polynomial<N>,
+        length: f64,
+        [from, to]: [f64; 2],
+        after: &Piece,
+        brightest: f64,
+    ) -> Sums {
+        let jump = self.step.jump;
+        let lit = self.near * self.transmittance;
+        let direct = Sums::of(jump, self.near, lit);
+        let brightest = brightest.max(1.0);
+        let off = self.transmittance * self.off(x, length, [from, to], after, brightest);
+        if off < direct.emission + direct.dimmed * brightest {
+            Sums { emission: off, ..Sums::default() }
+        } else {
+            direct
+        }
+    }
+
+    fn off<const N: usize>(
+        &self,
+        x: &Polynomial<N>,
+        length: f64,
+        [from, to]: [f64; 2],
+        after: &Piece,
+        brightest: f64,
+    ) -> f64 {
+        let first = after.extinction(self.place);
+        // As far as half of the extinction at the step makes opaque, or the way goes.
+        let far = (from + (2.0 * OPAQUE / first + self.near) / length).min(to);
+        let end = x.at(far);
+        let least = after.extinction(end).min(first);
+        let depth = least * ((far - from) * length - self.near).max(0.0);
+        let width = (end - self.place).abs() + self.reach;
+        let largest = |piece: &Piece, x: f64| piece.emission(x).into_iter().fold(0.0, f64::max);
+        let source = largest(after, self.place) / first;
+        let varies = (after.slope[0] + source * after.slope[1]) * width / least;
+        let other = |x: f64| largest(self.before, x) + self.before.extinction(x) * brightest;
+        let mixed = other(self.place - self.reach).max(other(self.place + self.reach));
+        let off = 2.0 * varies + (-depth).exp() * brightest + self.near * mixed;
+        if off.is_nan() { f64::INFINITY } else { off }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::transfer_pieces::TransferPieces;
+    use crate::scene::{ColorTable, PiecewiseLinear, TransferFunction};
+
+    fn pieces(opaque: f64) -> TransferPieces {
+        let table = |points: &[(f64, f64)]| {
+            PiecewiseLinear::new(&points.iter().map(|&(x, y)| (x, [y])).collect::<Vec<_>>())
+        };
+        let steps = table(&[(0.4, 0.0), (0.4, opaque), (0.8, opaque), (0.8, 0.0)]).unwrap();
+        let white = PiecewiseLinear::new(&[(0.0, [1.0; 3])]).unwrap();
+        let transfer = TransferFunction::from_tables(&steps, &steps, &ColorTable::List(white));
+        TransferPieces::new(&transfer, |_| 0.0)
+    }
+
+    /// What a way from x = 0.2 to 0.7 through a step at 0.4 may be off by if x is by `reach`.
+    fn off(opaque: f64, reach: f64) -> Sums {
+        let pieces = pieces(opaque);
+        let x = Polynomial([0.2, 0.5, 0.0, 0.0]);
+        let (before, after) = (pieces.all.at(0.3), pieces.all.at(0.5));
+        assert!(is_clean([0.2, 0.7], [before, after], reach));
+        let at = (&after.step, 0.4, reach);
+        let crossing = Crossing::new(&x, 1.0, at, before, [1.0, 1.0]);
+        crossing.sums(&x, 1.0, [0.4, 1.0], after, 1.0)
+    }
+
+    #[test]
+    fn an_opaque_surface_may_lie_a_little_off() {
+        let sums = off(1e9, 1e-6);
+        assert_eq!((sums.dimmed, sums.extinction), (0.0, 0.0));
+        assert!(sums.emission < 1e-8, "{sums:?}");
+        let thin = off(1.0, 1e-3);
+        assert!((thin.emission - 4e-3).abs() < 1e-6 && thin.dimmed == thin.emission);
+    }
+
+    #[test]
+    fn steps_close_to_others_or_to_the_ends_are_not_clean() {
+        let pieces = pieces(1.0);
+        let pair = [pieces.all.at(0.3), pieces.all.at(0.5)];
+        assert!(is_clean([0.9, 0.2], pair, 0.1) && !is_clean([0.9, 0.2], pair, 0.5));
+        assert!(!is_clean([0.45, 0.0], pair, 0.1) && !is_clean([0.35, 0.9], pair, 0.1));
+    }
+}
