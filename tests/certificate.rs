@@ -50,6 +50,8 @@ struct Outcome {
     is_lossy: bool,
     bound: f64,
     tolerance: f64,
+    /// What of the bound no work changes: values stored as f32, and the picture's own.
+    floor: f64,
     largest_value: f64,
     /// Largest measured error of any channel of any pixel.
     measured: f64,
@@ -161,6 +163,7 @@ impl Outcome {
             is_area: is_area(trial),
             bound,
             tolerance,
+            floor: picture.stats.error_shares.map_or(0.0, |s| s.storage + s.rounding),
             largest_value,
             measured: errors.iter().flatten().copied().fold(0.0, f64::max),
             undecided: reference.error.iter().filter(|error| unsure(error)).count(),
@@ -176,11 +179,11 @@ impl Outcome {
         }
         // Pixels that stand for areas take a limited number of rays: then the bound may stay above
         // the tolerance, and says so.
-        if tolerance > 0.0 && bound > tolerance && !self.is_lossy && !self.is_area {
+        if tolerance > 0.0 && bound - self.floor > tolerance && !self.is_lossy && !self.is_area {
             return Some(format!("a bound of {bound:e} for a tolerance of {tolerance:e}"));
         }
         let exact = tolerance == 0.0 && !self.is_area && !self.is_lossy;
-        if exact && self.measured > EXACT * self.largest_value {
+        if exact && self.measured > EXACT * self.largest_value + self.floor {
             return Some(format!("{:e} off at tolerance 0", self.measured));
         }
         let all = errors(picture, reference);
@@ -230,14 +233,15 @@ impl Tally {
         let count = |which: &dyn Fn(&Outcome) -> bool| of_kind.iter().filter(|o| which(o)).count();
         let below = count(&|o| o.tolerance > 0.0 && o.bound < o.tolerance);
         let failed = count(&|o| o.failure.is_some());
+        let limited = count(&|o| o.tolerance > 0.0 && !o.is_lossy && o.floor > o.tolerance);
         let undecided: usize = of_kind.iter().map(|o| o.undecided).sum();
         let measured = of_kind.iter().filter(|o| o.measured > 0.0 && o.bound.is_finite());
         let mut ratios: Vec<f64> = measured.map(|o| o.bound / o.measured).collect();
         ratios.sort_by(f64::total_cmp);
         let at = |part: f64| ratios.get((part * ratios.len() as f64) as usize).copied();
         eprintln!(
-            "{name}: {} scenes, {failed} failed, bound below tolerance in {below}, {undecided} of \
-             {} pixels undecided; bound / measured: quartiles {:.3?} {:.3?} {:.3?}, 95% {:.3?}",
+            "{name}: {} scenes, {failed} failed, bound below tolerance in {below}, {limited} \
+             limited by f32, {undecided} of {} pixels undecided; bound / measured: quartiles {:.3?} {:.3?} {:.3?}, 95% {:.3?}",
             of_kind.len(),
             of_kind.len() * SIZE[0] * SIZE[1],
             at(0.25),

@@ -155,24 +155,18 @@ impl<'a> Integrator<'a> {
                 let pair = [self.pieces.piece(index - 1), piece];
                 if !(monotone && is_clean([low, high], pair, reach)) {
                     self.tally.jumps.add(piece.step.jump, near, lit);
+                    self.tally.kinks.add(piece.step.kink, near, lit);
                 }
-                self.tally.kinks.add(piece.step.kink, near, lit);
                 self.tally.bend += piece.step.bend * lit;
             }
         }
     }
 
-    /// Tallies a stretch that has been integrated, in which x was in `range`.
+    /// Tallies a stretch of `length` code lengths, and ∫ T ds = `lit`, that has been integrated.
     #[inline]
-    fn account(&mut self, piece: &Piece, range: [f64; 2], length: f64, before: f64) {
+    fn account(&mut self, piece: &Piece, length: f64, lit: f64) {
         if self.reach.is_none() {
             return;
-        }
-        // ∫ T ds = (T_in − T_out) / κ for constant κ.
-        let thinnest = piece.extinction(range[0]).min(piece.extinction(range[1]));
-        let mut lit = before * length;
-        if thinnest * length > 0.125 {
-            lit = lit.min((before - self.state.transmittance) / thinnest);
         }
         let slope = Change { emission: piece.slope[0], extinction: piece.slope[1] };
         self.tally.length += length;
@@ -224,8 +218,10 @@ impl<'a> Integrator<'a> {
             };
             let to = if is_last { 1.0 } else { x.solve(exit, from) };
             if let Some(crossing) = crossing.take() {
-                let sums = crossing.sums(x, length, [from, to], piece, self.ending.brightest);
-                self.tally.jumps = self.tally.jumps.plus(sums);
+                let [jump, kink] =
+                    crossing.sums(x, length, [from, to], piece, self.ending.brightest);
+                self.tally.jumps = self.tally.jumps.plus(jump);
+                self.tally.kinks = self.tally.kinks.plus(kink);
             }
             let before = self.state.transmittance;
             self.part(x, [from, to], [entry, exit], piece, length);
@@ -288,12 +284,12 @@ impl<'a> Integrator<'a> {
     /// A stretch of constant `x`.
     pub(super) fn constant(&mut self, x: f64, length: f64) {
         let piece = self.pieces.at(x);
-        let before = self.state.transmittance;
+        let mut lit = self.state.transmittance * length;
         if !piece.is_transparent {
             self.count += 1;
-            self.state.pass(piece.extinction(x), piece.emission(x), length);
+            lit = self.state.pass(piece.extinction(x), piece.emission(x), length);
         }
-        self.account(piece, [x, x], length, before);
+        self.account(piece, length, lit);
     }
 
     /// A whole cell of constant `x`.
@@ -313,13 +309,18 @@ impl<'a> Integrator<'a> {
         range: [f64; 2],
         length: f64,
     ) {
-        let before = self.state.transmittance;
-        if !piece.is_transparent && !self.simply(x, piece, range, length) {
-            self.exactly(x, piece, range, length);
-        }
-        self.account(piece, range, length, before);
+        let lit = if piece.is_transparent {
+            self.state.transmittance * length
+        } else {
+            match self.simply(x, piece, range, length) {
+                Some(lit) => lit,
+                None => self.exactly(x, piece, range, length),
+            }
+        };
+        self.account(piece, length, lit);
     }
 
+    /// Returns ∫ T ds, as do the others.
     #[inline]
     fn exactly<const N: usize>(
         &mut self,
@@ -327,7 +328,7 @@ impl<'a> Integrator<'a> {
         piece: &Piece,
         range: [f64; 2],
         length: f64,
-    ) {
+    ) -> f64 {
         let depth = length * piece.extinction(range[0]).max(piece.extinction(range[1]));
         // From the piece's origin on: beside it x is rounding where the piece is narrow.
         let mut d = *x;
@@ -335,12 +336,12 @@ impl<'a> Integrator<'a> {
         let bend = bend(&d);
         if N <= 4 && depth <= THIN && depth * bend * bend <= STRAIGHT {
             self.count += 1;
-            self.quadrature(&d, piece, length, &GAUSS_4, thin_transmittance);
+            self.quadrature(&d, piece, length, &GAUSS_4, thin_transmittance)
         } else if N <= 4 && depth <= THIN && bend <= 1.0 {
             self.count += 1;
-            self.quadrature(&d, piece, length, &GAUSS_6, thin_transmittance);
+            self.quadrature(&d, piece, length, &GAUSS_6, thin_transmittance)
         } else {
-            self.thick(&d, piece, length, OPAQUE_HALVINGS);
+            self.thick(&d, piece, length, OPAQUE_HALVINGS)
         }
     }
 
@@ -357,9 +358,9 @@ impl<'a> Integrator<'a> {
         piece: &Piece,
         range: [f64; 2],
         length: f64,
-    ) -> bool {
+    ) -> Option<f64> {
         if piece.allowed == 0.0 {
-            return false;
+            return None;
         }
         let mean = x.mean();
         let width = range[1] - range[0];
@@ -371,13 +372,11 @@ impl<'a> Integrator<'a> {
         let bent = r.max(g).max(b) * piece.slope[1] * width * length;
         let error = 0.25 * (off + coupled + bent);
         if error > piece.allowed {
-            return false;
+            return None;
         }
         self.count += 1;
-        let lit = self.state.transmittance * length;
-        self.state.pass(extinction, emission, length);
-        self.tally.quadrature += error * lit;
-        true
+        self.tally.quadrature += error * self.state.transmittance * length;
+        Some(self.state.pass(extinction, emission, length))
     }
 
     /// A stretch along which x is `d` from the piece's origin, halved until nodes suffice.
@@ -387,7 +386,7 @@ impl<'a> Integrator<'a> {
         piece: &Piece,
         length: f64,
         halvings: u32,
-    ) {
+    ) -> f64 {
         let largest =
             range(&d.control_points()).map(|d| piece.extinction[0] + piece.extinction[1] * d);
         let deepest = if bend(d) <= 1.0 {
@@ -401,11 +400,14 @@ impl<'a> Integrator<'a> {
             self.count += 1;
             return self.quadrature(d, piece, length, &GAUSS_8, transmittance);
         }
+        let mut lit = 0.0;
         for [from, to] in [[0.0, 0.5], [0.5, 1.0]] {
+            // What lies behind a faded ray counts as its end.
             if !self.is_faded() {
-                self.thick(&d.part(from, to), piece, 0.5 * length, halvings - 1);
+                lit += self.thick(&d.part(from, to), piece, 0.5 * length, halvings - 1);
             }
         }
+        lit
     }
 
     /// Extinction is linear in `d`, x from the piece's origin, so the optical depth is a
@@ -418,7 +420,7 @@ impl<'a> Integrator<'a> {
         length: f64,
         rule: &[[f64; 2]; R],
         transmittance: impl Fn(f64) -> f64,
-    ) {
+    ) -> f64 {
         let [k0, k1] = piece.extinction;
         let mut depth = Polynomial(d.0);
         for (power, coefficient) in depth.0.iter_mut().enumerate() {
@@ -426,14 +428,15 @@ impl<'a> Integrator<'a> {
             *coefficient = length * (constant + k1 * *coefficient) / (power + 1) as f64;
         }
         let scale = self.state.transmittance * length;
-        let light = light(d, piece, &depth, rule, &transmittance);
+        let (light, mean) = light(d, piece, &depth, rule, &transmittance);
         self.state.gather(light.map(|light| scale * light));
         self.state.absorb(depth.at(1.0).max(0.0));
+        scale * mean
     }
 }
 
-/// Mean of emission times transmittance along a stretch: `d` is x from the piece's origin,
-/// s · `depth` the optical depth. Emission is quadratic, so its three moments do.
+/// Mean of emission times transmittance along a stretch, and of transmittance: `d` is x from the
+/// piece's origin, s · `depth` the optical depth. Emission is quadratic, so its three moments do.
 #[inline]
 fn light<const N: usize, const R: usize>(
     d: &Polynomial<N>,
@@ -441,7 +444,7 @@ fn light<const N: usize, const R: usize>(
     depth: &Polynomial<N>,
     rule: &[[f64; 2]; R],
     transmittance: impl Fn(f64) -> f64,
-) -> [f64; 3] {
+) -> ([f64; 3], f64) {
     let x: [f64; R] = std::array::from_fn(|n| d.at(rule[n][0]));
     let share: [f64; R] = std::array::from_fn(|n| {
         let [s, weight] = rule[n];
@@ -454,7 +457,8 @@ fn light<const N: usize, const R: usize>(
         moments[2] += share * x * x;
     }
     let [c0, c1, c2] = &piece.emission;
-    std::array::from_fn(|c| moments[0] * c0[c] + moments[1] * c1[c] + moments[2] * c2[c])
+    let light = |c: usize| moments[0] * c0[c] + moments[1] * c1[c] + moments[2] * c2[c];
+    (std::array::from_fn(light), moments[0])
 }
 
 /// e^−depth, at most 1.

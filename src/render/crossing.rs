@@ -55,7 +55,8 @@ impl<'p> Crossing<'p> {
     }
 
     /// What the picture may be off by where the way goes on through `after` over s in [`from`,
-    /// `to`], and no light is brighter than `brightest`.
+    /// `to`], and no light is brighter than `brightest`: by the step, and by that of slopes for
+    /// each unit of x.
     pub(super) fn sums<const N: usize>(
         &self,
         x: &Polynomial<N>,
@@ -63,16 +64,16 @@ impl<'p> Crossing<'p> {
         [from, to]: [f64; 2],
         after: &Piece,
         brightest: f64,
-    ) -> Sums {
+    ) -> [Sums; 2] {
         let jump = self.step.jump;
         let lit = self.near * self.transmittance;
         let direct = Sums::of(jump, self.near, lit);
         let brightest = brightest.max(1.0);
         let off = self.transmittance * self.off(x, length, [from, to], after, brightest);
         if off < direct.emission + direct.dimmed * brightest {
-            Sums { emission: off, ..Sums::default() }
+            [Sums { emission: off, ..Sums::default() }, Sums::default()]
         } else {
-            direct
+            [direct, Sums::of(self.step.kink, self.near, lit)]
         }
     }
 
@@ -125,7 +126,7 @@ mod tests {
         assert!(is_clean([0.2, 0.7], [before, after], reach));
         let at = (&after.step, 0.4, reach);
         let crossing = Crossing::new(&x, 1.0, at, before, [1.0, 1.0]);
-        crossing.sums(&x, 1.0, [0.4, 1.0], after, 1.0)
+        crossing.sums(&x, 1.0, [0.4, 1.0], after, 1.0)[0]
     }
 
     #[test]

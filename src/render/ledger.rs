@@ -134,7 +134,7 @@ impl<'a> Ledger<'a> {
     /// How far from this ray's values steps of the transfer function are looked for.
     fn reach(&self) -> f64 {
         let levels = if self.hides { self.relief.levels_reach } else { 0.0 };
-        self.shift.most + levels + self.relief.storage_reach
+        self.shift.most + levels + self.group().storage
     }
 
     fn shift_of(&self, group: &Group) -> Shift {
@@ -162,7 +162,7 @@ impl<'a> Ledger<'a> {
         let group = self.group();
         self.error.quadrature += tally.quadrature;
         let steepest = tally.slope.plus(tally.kinks);
-        let stored = steepest.times(self.relief.storage_reach);
+        let stored = steepest.times(group.storage);
         self.error.storage = self.error.storage.plus(stored);
         if self.hides {
             let mut levels = Sums::of(group.levels, tally.length, tally.lit);

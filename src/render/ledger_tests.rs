@@ -15,7 +15,7 @@ use super::test_data::{TestData, linear, rough};
 use super::tile::{beam, meets};
 use super::transfer_pieces::TransferPieces;
 use super::view::View;
-use crate::scene::{Interpolation, Scene, TransferFunction};
+use crate::scene::{Interpolation, Rounding, Scene, TransferFunction};
 
 const EDGE: i128 = 8;
 /// Rays across a square.
@@ -53,8 +53,12 @@ impl Stage {
         order.sort_by_key(|at| (0..3).map(|a| (at[a] - eye[a]).abs()).sum::<i128>());
         let part = |at: &[i128; 3]| {
             let mut brick = data.brick(level, *at, EDGE as u32, interpolation);
-            let distance =
-                Distance { residual: 0.0, child_mask: 0, tree: [0.0, 1.0], storage: 0.0 };
+            let distance = Distance {
+                residual: 0.0,
+                child_mask: 0,
+                tree: [0.0, 1.0],
+                storage: Rounding::default(),
+            };
             brick.survey(&transfer.all, &distance);
             let corner = data.domain.cell_corner(level as i32, at.map(|c| c * EDGE));
             let frame = view.frame(&corner, level as i32, EDGE as f64);

@@ -8,7 +8,7 @@ pub(super) struct Polynomial<const N: usize>(pub [f64; N]);
 const ROOT_TOLERANCE: f64 = 1e-9;
 
 /// Halvings at most of what is not monotone, before all of it counts as near.
-const NEAR_HALVINGS: u32 = 5;
+const NEAR_HALVINGS: u32 = 16;
 
 impl<const N: usize> Polynomial<N> {
     /// The value that is `x` everywhere.

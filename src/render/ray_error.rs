@@ -184,15 +184,16 @@ impl RayError {
         // T̃·L is the light that is still to come, of the truth: at most that of the ray and what
         // it may be off by.
         let light_above = light + farthest;
-        let bound = |sums: Sums| sums.bound(light_above, brightest);
+        // No light is brighter than the brightest, and no opacity above 1.
+        let most = brightest.max(light).max(1.0);
+        let bound = |sums: Sums| sums.bound(light_above, brightest).min(most);
         // Offsets within a square are on average half the largest.
         let mean = bound(self.farthest.times(0.5));
         let twice = beside.plus(self.farthest).extinction * (bound(beside) + mean);
         ErrorShares {
             levels: bound(self.levels),
             quadrature: self.quadrature,
-            // No light is brighter than the brightest, and no opacity above 1.
-            pixel_area: mean.min(bound(self.uneven) + twice).min(brightest.max(light).max(1.0)),
+            pixel_area: mean.min(bound(self.uneven) + twice).min(most),
             storage: bound(self.storage),
             termination: if rest > 0.0 { product(1.0 - opacity, rest.max(1.0)) } else { 0.0 },
             rounding: (INTEGRATION + STORED) * light.max(opacity),

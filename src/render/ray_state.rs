@@ -73,12 +73,14 @@ impl RayState {
 
     /// Light that passes through a stretch of constant `extinction` and `emission` (1 / code
     /// length) over `length` code lengths: the closed form, to rounding for thin and thick.
+    /// Returns ∫ T ds.
     #[inline]
-    pub(super) fn pass(&mut self, extinction: f64, emission: [f64; 3], length: f64) {
+    pub(super) fn pass(&mut self, extinction: f64, emission: [f64; 3], length: f64) -> f64 {
         let depth = extinction * length;
-        let scale = self.transmittance * length * mean_transmittance(depth);
-        self.gather(emission.map(|emission| scale * emission));
+        let lit = self.transmittance * length * mean_transmittance(depth);
+        self.gather(emission.map(|emission| lit * emission));
         self.absorb(depth);
+        lit
     }
 
     /// Adds light that reaches the eye.

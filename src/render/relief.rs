@@ -5,6 +5,7 @@
 use super::ray_error::Change;
 use super::scaled::{ScaledBlock, ScaledBrick, dual};
 use super::transfer_pieces::{PieceList, Span};
+use crate::scene::Rounding;
 
 /// Dual cells (with `cell`: cells) along a group's edge.
 pub(super) const GROUP_EDGE: usize = 4;
@@ -25,6 +26,8 @@ pub(super) struct Group {
     pub(super) uneven: [f64; 3],
     /// Change by what is beneath the brick.
     pub(super) levels: Change,
+    /// Bound of the difference of x to that of the source's values.
+    pub(super) storage: f64,
     /// What the transfer function does over the range.
     pub(super) span: Span,
     /// Whether part of the group is void: what is drawn ends there.
@@ -40,8 +43,8 @@ pub(super) struct Distance {
     pub(super) child_mask: u8,
     /// What x can be in the brick's box at any level.
     pub(super) tree: [f64; 2],
-    /// Bound of the difference of a stored value to the source's.
-    pub(super) storage: f64,
+    /// Of values stored to those of the source.
+    pub(super) storage: Rounding,
 }
 
 /// The groups of a brick. Its memory is reused from brick to brick.
@@ -52,9 +55,8 @@ pub(super) struct Relief {
     groups: Vec<Group>,
     /// All groups in one.
     pub(super) whole: Group,
-    /// How far jumps of the transfer function must be looked for beyond the values themselves: by
-    /// storage, and by what is beneath.
-    pub(super) storage_reach: f64,
+    /// How far steps of the transfer function must be looked for beyond the values themselves, by
+    /// what is beneath.
     pub(super) levels_reach: f64,
 }
 
@@ -95,7 +97,6 @@ impl Relief {
         self.side = Self::side_of(brick.edge);
         self.groups.clear();
         self.groups.reserve_exact(self.side.pow(3));
-        self.storage_reach = distance.storage;
         self.levels_reach = if distance.residual < FAR { distance.residual } else { 0.0 };
         let looker = Looker { brick, pieces, distance };
         for at in 0..self.side.pow(3) {
@@ -139,6 +140,7 @@ impl Group {
             // Slopes of both signs: the range of all of them.
             uneven: slope,
             levels: self.levels.max(other.levels),
+            storage: self.storage.max(other.storage),
             span: self.span.max(other.span),
             has_void: self.has_void || other.has_void,
         }
@@ -162,7 +164,8 @@ impl Looker<'_> {
             return group;
         }
         group.span = self.pieces.over(group.low, group.high);
-        let Distance { residual, tree, .. } = *self.distance;
+        let Distance { residual, tree, storage, .. } = *self.distance;
+        group.storage = storage.between(group.low, group.high);
         if residual > 0.0 && self.has_children(first) {
             group.levels = if self.brick.is_piecewise_constant() || !(residual < FAR) {
                 self.far_change(&group, residual, tree)

@@ -66,13 +66,11 @@ impl Shading {
                 self.mapping.distance(linear, log10)
             }
         };
-        let largest = f64::from(field.tree[0].abs().max(field.tree[1].abs())) * self.factor;
-        let largest = if field.tree[0] > field.tree[1] { 0.0 } else { largest };
         Distance {
             residual,
             child_mask: record.child_mask,
             tree: self.range(field),
-            storage: self.mapping.relative_distance(self.relative_error, largest),
+            storage: self.mapping.rounding(self.relative_error),
         }
     }
 

@@ -7,7 +7,7 @@ use crate::scene::TransferFunction;
 const BUCKETS: usize = 1024;
 /// Entries of a named colour map, which bends at n / 255 without saying so.
 const COLOR_MAP_ENTRIES: u32 = 256;
-/// Differences of the emission below this share of its largest value are rounding.
+/// Differences below this share of what they are differences of are rounding.
 const ROUNDING: f64 = 1e-13;
 
 /// What happens at the start of a piece.
@@ -26,8 +26,9 @@ impl Step {
         *self == Self::default()
     }
 
-    fn between(before: &Piece, after: &Piece, largest: f64) -> Self {
+    fn between(before: &Piece, after: &Piece) -> Self {
         let x = after.start;
+        let largest = before.magnitude().max(after.magnitude());
         let (a, b) = (before.emission(x), after.emission(x));
         let most = |change: &dyn Fn(usize) -> f64| (0..3).map(change).fold(0.0, f64::max);
         let emission = most(&|c| (a[c] - b[c]).abs());
@@ -138,6 +139,16 @@ impl Piece {
         self.emission[1][c] + 2.0 * (x - self.origin) * self.emission[2][c]
     }
 
+    /// The largest value that occurs in working out the emission within the piece, which its
+    /// rounding is relative to.
+    fn magnitude(&self) -> f64 {
+        let width = if self.end.is_finite() { self.end - self.origin } else { 0.0 };
+        let [c0, c1, c2] = &self.emission;
+        (0..3)
+            .map(|c| c0[c].abs() + width * (c1[c].abs() + width * c2[c].abs()))
+            .fold(0.0, f64::max)
+    }
+
     /// Fills in what follows from the formulas.
     fn with_slopes(mut self) -> Self {
         let steepest = |c: usize| {
@@ -236,11 +247,8 @@ impl PieceList {
     }
 
     fn index(mut pieces: Vec<Piece>) -> Self {
-        let largest =
-            |piece: &Piece| piece.emission(piece.start.max(0.0)).into_iter().fold(0.0, f64::max);
-        let largest = pieces.iter().map(largest).fold(0.0, f64::max);
         for index in 1..pieces.len() {
-            pieces[index].step = Step::between(&pieces[index - 1], &pieces[index], largest);
+            pieces[index].step = Step::between(&pieces[index - 1], &pieces[index]);
         }
         let first = (0..BUCKETS)
             .map(|bucket| bucket as f64 / BUCKETS as f64)
@@ -364,7 +372,7 @@ impl TransferPieces {
         all_cuts.extend(
             (1..COLOR_MAP_ENTRIES - 1)
                 .map(|n| f64::from(n) / f64::from(COLOR_MAP_ENTRIES - 1))
-                .filter(|x| bends_at(*x, &cuts, &sample, transfer.largest_emission())),
+                .filter(|x| bends_at(*x, &cuts, &sample)),
         );
         sort(&mut all_cuts);
         let all = PieceList::new(&all_cuts, &sample);
@@ -391,7 +399,7 @@ fn sort(cuts: &mut Vec<f64>) {
 }
 
 /// Whether the emission stops being one quadratic at `x`, a place between `cuts`.
-fn bends_at(x: f64, cuts: &[f64], sample: &impl Fn(f64) -> (f64, [f64; 3]), largest: f64) -> bool {
+fn bends_at(x: f64, cuts: &[f64], sample: &impl Fn(f64) -> (f64, [f64; 3])) -> bool {
     let next = cuts.partition_point(|cut| *cut <= x);
     let room = (x - cuts[next - 1]).min(cuts.get(next).map_or(1.0, |cut| cut - x));
     let h = (0.4 * room).min(0.25 / f64::from(COLOR_MAP_ENTRIES));
@@ -399,7 +407,12 @@ fn bends_at(x: f64, cuts: &[f64], sample: &impl Fn(f64) -> (f64, [f64; 3]), larg
     let (before, at, after, beyond) = (j(-1.0), j(0.0), j(1.0), j(2.0));
     // The third difference of a quadratic vanishes.
     let third = |c: usize| beyond[c] - 3.0 * after[c] + 3.0 * at[c] - before[c];
-    h > 0.0 && (0..3).any(|c| third(c).abs() > ROUNDING * largest)
+    // That of values, and of x where they are steep.
+    let rounding = |c: usize| {
+        let values = before[c].abs().max(beyond[c].abs()).max(at[c].abs()).max(after[c].abs());
+        ROUNDING * values + 16.0 * f64::EPSILON * (beyond[c] - before[c]).abs() / h
+    };
+    h > 0.0 && (0..3).any(|c| third(c).abs() > rounding(c))
 }
 
 #[cfg(test)]

@@ -62,6 +62,23 @@ pub struct Mapping {
     high: f64,
 }
 
+/// Bound of the difference that values stored with a relative error make in x: `slope` times the
+/// distance of x from `zero`, and at most `most`.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Rounding {
+    slope: f64,
+    zero: f64,
+    most: f64,
+}
+
+impl Rounding {
+    /// The bound where x is between `low` and `high`.
+    pub fn between(&self, low: f64, high: f64) -> f64 {
+        let by_slope = self.slope * (low - self.zero).abs().max((high - self.zero).abs());
+        if by_slope < self.most { by_slope } else { self.most }
+    }
+}
+
 impl Mapping {
     /// The mapping under `scale` with `range` = [lo, hi], in the units of the scene; without one,
     /// the extrema of `field` (under log10 from its smallest positive value). `factor` takes code
@@ -118,15 +135,22 @@ impl Mapping {
         })
     }
 
-    /// How far x may be off where field values of magnitude up to `largest` (code units) are off
-    /// by at most `relative` of their own.
-    pub fn relative_distance(&self, relative: f64, largest: f64) -> f64 {
-        self.of_scale(match self.scale {
-            Scale::Linear => relative * largest * self.factor,
-            Scale::Log10 => -(-relative.min(1.0)).ln_1p() / std::f64::consts::LN_10,
-            // du/0.9 is at most relative / 0.9 within the linear part, and the slope beyond less.
-            Scale::Symlog { .. } => relative / 0.9 / (1.0 - relative.min(1.0)),
-        })
+    /// How far x may be off where field values are off by at most `relative` of their own.
+    pub fn rounding(&self, relative: f64) -> Rounding {
+        let relative = relative.min(1.0);
+        let most = self.of_scale(match self.scale {
+            Scale::Linear => f64::INFINITY,
+            Scale::Log10 => -(-relative).ln_1p() / std::f64::consts::LN_10,
+            // Steepest within its linear part, of half-width 0.9.
+            Scale::Symlog { .. } => relative / 0.9 / (1.0 - relative),
+        });
+        // Symlog is proportional to the value, or beyond 1 and less steep.
+        let slope = match self.scale {
+            Scale::Log10 => f64::INFINITY,
+            Scale::Linear | Scale::Symlog { .. } => relative / (1.0 - relative),
+        };
+        let zero = -self.of_scale(self.low);
+        if relative == 0.0 { Rounding::default() } else { Rounding { slope, zero, most } }
     }
 
     /// A difference in the scale, in x.
@@ -237,7 +261,8 @@ mod tests {
                 let log10 = ((f + step).max(1e-3).log10() - f.max(1e-3).log10()).abs();
                 prop_assert!(off(f + step) <= mapping.distance(step.abs(), log10) + 1e-12);
                 for other in [f * (1.0 + relative), f * (1.0 - relative)] {
-                    let bound = mapping.relative_distance(relative, f.abs());
+                    let x = mapping.unclamped(f);
+                    let bound = mapping.rounding(relative).between(x, x);
                     prop_assert!(off(other) <= bound + 1e-12, "{scale:?} {f} {other} {bound}");
                 }
             }

@@ -23,7 +23,7 @@ mod tests;
 pub use camera::{CameraSettings, Projection};
 pub use colormap::{ColorMap, color_map_names};
 pub use file::{ImageSettings, MAX_SCENE_BYTES, Scene};
-pub use mapping::{FieldExtrema, LARGEST_UNCLAMPED, Mapping, Scale};
+pub use mapping::{FieldExtrema, LARGEST_UNCLAMPED, Mapping, Rounding, Scale};
 pub use piecewise::{LARGEST_TABLE_VALUE, MAX_TABLE_POINTS, PiecewiseLinear};
 pub use render::{Interpolation, MAX_SAMPLES_PER_AXIS, RenderSettings, Samples, Tolerance};
 pub(crate) use spelling::nearest;
