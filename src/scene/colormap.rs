@@ -1,7 +1,7 @@
 //! Colour maps by name: tables of 256 sRGB entries (sources and licences: `colormaps/NOTICE`).
 
 use super::piecewise::PiecewiseLinear;
-use super::spelling::nearest;
+use crate::spelling::nearest;
 use super::srgb::srgb_to_linear;
 use crate::{Error, Result};
 

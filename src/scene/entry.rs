@@ -5,7 +5,7 @@ use std::ops::Range;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::spelling::nearest;
+use crate::spelling::nearest;
 use crate::space::Decimal;
 use crate::{Error, Result};
 
