@@ -9,7 +9,10 @@ pub(crate) fn nearest<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) 
 }
 
 /// The words of `known`, the nearest to `word` first, the others as they come.
-pub(crate) fn nearest_first<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) -> Vec<&'k str> {
+pub(crate) fn nearest_first<'k>(
+    word: &str,
+    known: impl IntoIterator<Item = &'k str>,
+) -> Vec<&'k str> {
     let mut words: Vec<&str> = known.into_iter().collect();
     if let Some(first) = nearest(word, words.iter().copied()) {
         words.sort_by_key(|candidate| *candidate != first);

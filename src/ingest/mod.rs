@@ -30,8 +30,8 @@ use std::path::Path;
 use crate::atomic_file::AtomicFile;
 use crate::cache::{BrickShape, CachedField, Header, TreeLevel};
 use crate::source::Source;
-use crate::spelling::nearest_first;
 use crate::space::{Decimal, Domain, FRACTION_BITS, IndexBox, MAX_OCTREE_LEVEL};
+use crate::spelling::nearest_first;
 use crate::{Error, Result};
 
 use assemble::{Assembler, Rules};

@@ -141,7 +141,8 @@ impl Blocks {
     fn checked(&self, number: u64, level: i64, location: [i64; 3]) -> Result<Place> {
         let place = || format!("{}: block {number}", self.place);
         if location.iter().any(|&i| i < 0) || level < 0 {
-            let reason = format!("its level {level} and location {location:?} must not be negative");
+            let reason =
+                format!("its level {level} and location {location:?} must not be negative");
             return Err(Error::invalid(place(), reason));
         }
         match u32::try_from(level) {

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use super::header::Header;
 use super::tree::Tree;
-use crate::space::Domain;
 use crate::source::hdf5::File;
+use crate::space::Domain;
 use crate::{Error, Result};
 
 /// Blocks whose boxes are read at a time.
@@ -145,5 +145,9 @@ impl<'a> Boxes<'a> {
 /// The relative error that an edge may have, as each level adds one rounding: plot files hold
 /// floats of 32 bits, told by their digits.
 fn rounding(edge: f64) -> f64 {
-    if f64::from(edge as f32) == edge { 64.0 * f64::from(f32::EPSILON) } else { 256.0 * f64::EPSILON }
+    if f64::from(edge as f32) == edge {
+        64.0 * f64::from(f32::EPSILON)
+    } else {
+        256.0 * f64::EPSILON
+    }
 }

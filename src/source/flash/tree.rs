@@ -183,12 +183,7 @@ impl Tree {
     }
 
     /// Checks levels and boxes against the tree.
-    fn check_blocks(
-        &mut self,
-        file: &File,
-        header: &Header,
-        boxes: &mut Boxes<'_>,
-    ) -> Result<()> {
+    fn check_blocks(&mut self, file: &File, header: &Header, boxes: &mut Boxes<'_>) -> Result<()> {
         let (mut first, mut levels) = (0, Vec::new());
         while first < header.blocks {
             let count = BATCH.min(header.blocks - first);

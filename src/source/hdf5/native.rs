@@ -95,7 +95,8 @@ impl Backend for Native {
 
     fn named_values(&self, path: &str) -> Result<Vec<(String, Values)>, String> {
         let table = self.file.dataset(path).map_err(|e| reason(&e))?;
-        let Ok(TypeDescriptor::Compound(row)) = table.dtype().and_then(|t| t.to_descriptor()) else {
+        let Ok(TypeDescriptor::Compound(row)) = table.dtype().and_then(|t| t.to_descriptor())
+        else {
             return Err("is no table of names and values".into());
         };
         let Some(value) = row.fields.iter().find(|field| field.name == "value") else {
