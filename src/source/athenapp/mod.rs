@@ -5,6 +5,10 @@ mod attributes;
 mod blocks;
 mod fields;
 mod located;
+#[cfg(test)]
+mod made;
+#[cfg(test)]
+mod tests;
 
 use std::path::{Path, PathBuf};
 

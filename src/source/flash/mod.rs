@@ -5,6 +5,10 @@
 mod boxes;
 mod fields;
 mod header;
+#[cfg(test)]
+mod made;
+#[cfg(test)]
+mod tests;
 mod tree;
 
 use std::path::{Path, PathBuf};

@@ -30,7 +30,9 @@ impl Backend for Pure {
             .with_max_chunk_bytes(CHUNK_BYTES)
             .with_max_read_bytes(READ_VALUES.max(LIST_VALUES) * size_of::<f64>())
             .with_max_object_header_bytes(HEADER_BYTES);
-        Ok(Self { file: Hdf5File::open_with_options(path, options).map_err(|e| reason(&e))? })
+        let file = Hdf5File::open_with_options(path, options).map_err(|e| reason(&e))?;
+        check_end(path, &file)?;
+        Ok(Self { file })
     }
 
     fn members(&self, group: &str) -> Result<Members, String> {
@@ -108,6 +110,18 @@ impl Backend for Pure {
         }
         with_number!(block.dataset.dtype(), T => block.fill(out, T::to_i64), else Ok(()))
     }
+}
+
+/// Refuses a file that ends before its superblock says, as the C library does: what is missing
+/// may be data that nobody asks for at first.
+fn check_end(path: &Path, file: &Hdf5File) -> Result<(), String> {
+    let stated = file.superblock().eof_address;
+    let bytes = std::fs::metadata(path).map_err(|e| e.to_string())?.len();
+    // All ones: unknown.
+    if stated <= bytes || stated == u64::MAX || stated == u64::from(u32::MAX) {
+        return Ok(());
+    }
+    Err(format!("is truncated: {bytes} of {stated} bytes are there"))
 }
 
 /// A selection of one dataset.
