@@ -6,7 +6,10 @@
 #[path = "support/facts.rs"]
 mod facts;
 
+use std::path::Path;
+
 use deepfield::source::{self, GridBlock};
+use deepfield::synth::{self, Grids, Recipe};
 
 fn check(set: &str, format: &str) {
     let Some((path, stated)) = facts::load(set, "path") else { return };
@@ -76,4 +79,41 @@ fn blocks_are_parts_of_the_whole() {
             assert_eq!(part, (0..40).map(at).collect::<Vec<_>>(), "grid {}", grid.id);
         }
     }
+}
+
+/// Writes recipe `name` of `datasets_synthetic` and checks what its reader says: leaves tile the
+/// domain once, and the density in each cell is the recipe's model there.
+fn check_synthetic(name: &str, format: &str) {
+    let recipes = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets_synthetic");
+    let text = std::fs::read_to_string(recipes.join(format!("{name}.toml"))).unwrap();
+    let recipe = Recipe::parse(&text, name).unwrap();
+    let model = Grids::new(&recipe).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let written = synth::write(&recipe, folder.path(), &mut |_, _| {}).unwrap();
+    let source = source::open(&written.parameter_file, None).unwrap();
+    assert_eq!(source.format(), format);
+    let hierarchy = source.hierarchy();
+    assert_eq!(hierarchy.levels.count() as u32, recipe.refinement.max_level + 1);
+    // In root cells; sums of powers of two, exact as far as levels reach into a double's bits.
+    let mut volume = 0.0;
+    for grid in facts::grids(&*source) {
+        let density = facts::read_whole(&*source, &grid, hierarchy.density.unwrap());
+        volume += density.len() as f64 * (-3.0 * f64::from(grid.level)).exp2();
+        let [nx, ny, _] = grid.size.map(|n| n as usize);
+        for (at, value) in density.into_iter().enumerate() {
+            let local = [at % nx, at / nx % ny, at / nx / ny];
+            let cell = [0, 1, 2].map(|a| grid.lo[a] + local[a] as i128);
+            let exact = model.model().in_cell(grid.level, cell);
+            assert!((value - exact).abs() <= 1e-7 * exact, "{grid:?} {cell:?}: {value} {exact}");
+        }
+    }
+    let roots: u64 = recipe.domain.root.iter().product();
+    assert!((volume - roots as f64).abs() < 1e-9, "{volume} of {roots} root cells");
+}
+
+#[test]
+fn synthetic_trees_hold_the_recipes_density_at_any_depth() {
+    check_synthetic("athena13", "athena++");
+    check_synthetic("flash10", "flash");
+    check_synthetic("flash40", "flash");
 }

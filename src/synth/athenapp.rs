@@ -6,7 +6,9 @@ use hdf5_pure::{AttrValue, FileBuilder, LibVer};
 
 use super::edges::cell_edge;
 use super::grids::Grids;
-use super::hdf5::{add_big_endian_i32, add_big_endian_i64, save, stored_bytes, stored_type};
+use super::hdf5::{
+    add_big_endian_i32, add_big_endian_i64, cannot_write, save, stored_bytes, stored_type,
+};
 use super::output::{MARK, OutputFolder};
 use super::recipe::Recipe;
 use super::tree::{Block, BlockTree};
@@ -78,16 +80,12 @@ fn set_mesh_attributes(
 }
 
 fn text(value: &str) -> Result<AttrValue> {
-    AttrValue::ascii_string_sized(value, NAME_BYTES).map_err(no_hdf5)
+    AttrValue::ascii_string_sized(value, NAME_BYTES).map_err(|e| cannot_write(&e))
 }
 
 fn texts(values: Vec<&str>) -> Result<AttrValue> {
     let values = values.into_iter().map(str::to_owned).collect();
-    AttrValue::ascii_string_array_sized(values, NAME_BYTES).map_err(no_hdf5)
-}
-
-fn no_hdf5(error: hdf5_pure::FormatError) -> Error {
-    Error::request(format!("cannot write HDF5: {error}"))
+    AttrValue::ascii_string_array_sized(values, NAME_BYTES).map_err(|e| cannot_write(&e))
 }
 
 /// Levels and logical locations.

@@ -51,6 +51,11 @@ fn big_endian(mut datatype: Datatype) -> Datatype {
     datatype
 }
 
+/// What HDF5 cannot hold.
+pub(super) fn cannot_write(error: &hdf5_pure::FormatError) -> Error {
+    Error::request(format!("cannot write HDF5: {error}"))
+}
+
 /// Writes an HDF5 file; its size.
 pub(super) fn save(builder: FileBuilder, path: &Path) -> Result<u64> {
     let failed = |e: hdf5_pure::Error| match e {

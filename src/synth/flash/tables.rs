@@ -5,9 +5,10 @@ use hdf5_pure::{
     make_i32_type,
 };
 
+use crate::Result;
+use crate::synth::hdf5::cannot_write;
 use crate::synth::recipe::{Precision, Recipe};
 use crate::synth::tree::BlockTree;
-use crate::{Error, Result};
 
 /// Letters of a name or text.
 const LETTERS: usize = 80;
@@ -105,7 +106,7 @@ fn add_table<'r>(
     let row_type = members
         .into_iter()
         .fold(CompoundTypeBuilder::new(), |row, (name, datatype)| row.field(name, datatype));
-    let row_type = row_type.build().map_err(no_hdf5)?;
+    let row_type = row_type.build().map_err(|e| cannot_write(&e))?;
     let count = rows.len() as u64;
     let row = |(name, value): (&str, Vec<u8>)| {
         let name = padded(name, LETTERS);
@@ -123,7 +124,7 @@ fn add_information(builder: &mut FileBuilder) -> Result<()> {
         .field("file creation time", text_type(80))
         .field("flash version", text_type(80))
         .build()
-        .map_err(no_hdf5)?;
+        .map_err(|e| cannot_write(&e))?;
     let parts = [
         FORMAT_VERSION.to_le_bytes().to_vec(),
         padded("deepfield synth", 400),
@@ -143,8 +144,4 @@ fn padded(text: &str, letters: usize) -> Vec<u8> {
     let mut bytes = text.as_bytes().to_vec();
     bytes.resize(letters, b' ');
     bytes
-}
-
-fn no_hdf5(error: hdf5_pure::FormatError) -> Error {
-    Error::request(format!("cannot write HDF5: {error}"))
 }
