@@ -122,7 +122,9 @@ fn lists_of_every_kind() {
         assert_eq!(values("column"), Values::Text(vec!["ye".into(), "dens".into()]));
         assert_eq!(values("half"), Values::Floats(vec![1.0, -2.0]));
         assert!(file.values("/Grid00000001/double").is_err());
-        assert!(file.values("/Grid00000001/brain").is_err());
+        // Other halves than IEEE's are read right (by the C library) or not at all.
+        let brain = file.values("/Grid00000001/brain");
+        assert!(brain.is_err() || brain.is_ok_and(|v| v == Values::Floats(vec![0.0078125, -2.0])));
     });
 }
 
