@@ -16,6 +16,7 @@ pub mod render;
 pub mod scene;
 pub mod source;
 pub mod space;
+mod spelling;
 pub mod synth;
 
 pub use error::{Error, Result};

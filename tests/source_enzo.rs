@@ -3,6 +3,8 @@
 
 #![allow(clippy::unwrap_used)] // a test's way to fail
 
+#[path = "support/facts.rs"]
+mod facts;
 #[path = "support/hexadecimal.rs"]
 mod hexadecimal;
 
@@ -11,27 +13,11 @@ use std::path::{Path, PathBuf};
 
 use deepfield::source::{self, GridBlock, GridRecord, Source};
 use deepfield::space::Decimal;
+use facts::grids;
 use serde_json::Value;
 
 fn dump(set: &str) -> Option<(PathBuf, Value)> {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")).join(set);
-    let Ok(facts) = std::fs::read_to_string(folder.join("yt_facts.json")) else {
-        eprintln!("skipped: {} is not there", folder.display());
-        return None;
-    };
-    let facts: Value = serde_json::from_str(&facts).unwrap();
-    Some((folder.join(facts["dump"].as_str().unwrap()), facts))
-}
-
-fn grids(source: &dyn Source) -> Vec<GridRecord> {
-    let mut grids = Vec::new();
-    source
-        .for_each_grid(&mut |grid| {
-            grids.push(grid);
-            Ok(())
-        })
-        .unwrap();
-    grids
+    facts::load(set, "dump")
 }
 
 fn per_level(facts: &Value) -> BTreeMap<u32, u64> {
@@ -71,17 +57,8 @@ fn check_samples(source: &dyn Source, facts: &Value) {
             Decimal::from_f64(hexadecimal::parse(sample["pos_hex"][a].as_str().unwrap()).unwrap())
                 .unwrap()
         });
-        let position = hierarchy.domain.position(&point).unwrap();
-        let (grid, cell) = grids
-            .iter()
-            .find_map(|grid| {
-                let octree = hierarchy.levels.octree(grid.level as usize)?;
-                let cell = hierarchy.domain.cell_of(i32::try_from(octree).unwrap(), &position);
-                let cells = grid.cells();
-                let inside = (0..3).all(|a| (cells.lo[a]..cells.hi[a]).contains(&cell[a]));
-                inside.then(|| (grid, [0, 1, 2].map(|a| (cell[a] - grid.lo[a]) as u64)))
-            })
-            .unwrap();
+        let (grid, cell) = facts::find(&grids, hierarchy, &point).unwrap();
+        let cell = [0, 1, 2].map(|a| (cell[a] - grid.lo[a]) as u64);
         let stated = [0, 1, 2].map(|a| sample["ijk"][a].as_u64().unwrap());
         assert_eq!(Some(u64::from(grid.level)), sample["level"].as_u64(), "{sample}");
         assert_eq!(Some(grid.id), sample["grid_id"].as_u64(), "{sample}");
@@ -95,10 +72,7 @@ fn check_samples(source: &dyn Source, facts: &Value) {
 }
 
 fn read_whole(source: &dyn Source, grid: &GridRecord) -> Vec<f64> {
-    let block = GridBlock { lo: [0; 3], size: grid.size };
-    let mut values = vec![0.0; block.len()];
-    source.read(grid, source.hierarchy().density.unwrap(), block, &mut values).unwrap();
-    values
+    facts::read_whole(source, grid, source.hierarchy().density.unwrap())
 }
 
 fn check_set(set: &str) {
@@ -197,10 +171,10 @@ fn blocks_are_parts_of_the_whole() {
 #[test]
 fn other_kinds_of_data_are_not_taken_for_enzo() {
     for set in ["athena_nested13", "amrex_adv", "flash_sedov"] {
-        let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")).join(set);
+        let folder = facts::folder(set);
         if folder.is_dir() {
-            let error = source::open(&folder, None).err().unwrap().to_string();
-            assert!(error.contains("looked for enzo"), "{error}");
+            let error = source::open(&folder, Some("enzo")).err().unwrap().to_string();
+            assert!(error.contains("holds no Enzo dump"), "{error}");
         }
     }
 }

@@ -1,23 +1,29 @@
 #!/usr/bin/env python3
-"""Compares what yt reads from a data set written by `deepfield synth` with `deepfield probe`.
+"""Compares what yt reads from a data set written by `deepfield synth` with what deepfield reads.
 
     pip install yt h5py numpy
     deepfield synth datasets_synthetic/small.toml -o out
     deepfield ingest out/DD0000/DD0000 -o small.dfc
+    deepfield info out/DD0000/DD0000 --json > info.json
     tools/check_synth_with_yt.py out/DD0000/DD0000 --write-points points.csv
     deepfield probe small.dfc --field Density --points points.csv > probe.csv
-    tools/check_synth_with_yt.py out/DD0000/DD0000 probe.csv
+    tools/check_synth_with_yt.py out/DD0000/DD0000 probe.csv --info info.json
 
-Checked: the levels, grids of each level and leaf cells that yt counts, against the text
-hierarchy and the integers in it; and the level and value in the leaf cell at each point of
-PROBE_CSV (columns x, y, z, level, value), found in yt's own grids. Values are compared as 32-bit
-floats. yt cannot load sets deeper than level 47.
+DATASET is whatever yt.load takes: Enzo's parameter file, Athena++'s .athdf, FLASH's file.
+
+Checked: the levels, grids of each level and leaf cells that yt counts, against INFO (of trees of
+blocks only the leaves count) and for Enzo against the text hierarchy and the integers in it; and
+the level and value in the leaf cell at each point of PROBE_CSV (columns x, y, z, level, value),
+found in yt's own grids. Values are compared as 32-bit floats. yt cannot load sets deeper than
+level 47, and misplaces blocks where the edges in a FLASH file no longer tell them apart.
 """
 
 import argparse
 import collections
 import csv
 import decimal
+import json
+import os
 import random
 import sys
 
@@ -69,6 +75,35 @@ def check_hierarchy(dataset, text_grids):
     return failures
 
 
+def check_info(dataset, path):
+    """Compares yt's grids that hold leaf cells with what `deepfield info --json` printed."""
+    with open(path, encoding="utf-8") as file:
+        info = json.load(file)
+    stated = {l["level"]: l["grids"] for l in info["levels"] if l["grids"] > 0}
+    leaves = collections.Counter()
+    grids = collections.Counter()
+    for grid in dataset.index.grids:
+        count = int(grid.child_mask.sum())
+        leaves[int(grid.Level)] += count
+        grids[int(grid.Level)] += count > 0 or info["format"] == "enzo"
+    grids = {level: count for level, count in grids.items() if count > 0}
+    failures = []
+    if grids != stated:
+        failures.append(f"grids per level: deepfield {stated}, yt {grids}")
+    if sum(leaves.values()) != info["leaf_cells"]:
+        failures.append(f"leaf cells: deepfield {info['leaf_cells']}, yt {sum(leaves.values())}")
+    print(f"levels {max(grids) + 1}, grids {sum(grids.values())}, leaf cells {info['leaf_cells']}")
+    return failures
+
+
+def field_of(dataset, name):
+    """yt's full name of the file's field `name`, whatever its case."""
+    for kind, known in dataset.field_list:
+        if known.lower() == name.lower():
+            return kind, known
+    raise SystemExit(f"no field {name}: there are {dataset.field_list}")
+
+
 def leaf_at(dataset, point):
     """Level and index of the leaf cell of yt's grids at a point, and the grid."""
     index = dataset.index
@@ -94,7 +129,7 @@ def check_points(dataset, field, path):
                     failures.append(f"{row}: yt has no cell there")
                 continue
             grid, cell = found
-            expected = np.float32(grid["enzo", field][cell])
+            expected = np.float32(grid[field].d[cell])
             if level != grid.Level or not np.isclose(value, expected, rtol=2e-7, atol=0):
                 failures.append(f"{row}: yt has level {grid.Level}, value {expected}")
             checked += 1
@@ -123,9 +158,10 @@ def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("dump", help="parameter file of the data set (DIR/DD0000/DD0000)")
+    parser.add_argument("dump", metavar="dataset", help="what yt.load takes")
     parser.add_argument("probe_csv", nargs="?", help="output of `deepfield probe`")
     parser.add_argument("--field", default="Density")
+    parser.add_argument("--info", metavar="JSON", help="output of `deepfield info --json`")
     parser.add_argument("--write-points", metavar="CSV", help="write points to probe, and stop")
     parser.add_argument("--count", type=int, default=1000, help="how many points")
     arguments = parser.parse_args()
@@ -134,9 +170,14 @@ def main():
     if arguments.write_points:
         write_points(dataset, arguments.write_points, arguments.count)
         return 0
-    failures = check_hierarchy(dataset, grids_in_text(arguments.dump + ".hierarchy"))
+    failures = []
+    if os.path.exists(arguments.dump + ".hierarchy"):
+        failures += check_hierarchy(dataset, grids_in_text(arguments.dump + ".hierarchy"))
+    if arguments.info:
+        failures += check_info(dataset, arguments.info)
     if arguments.probe_csv:
-        failures += check_points(dataset, arguments.field, arguments.probe_csv)
+        field = field_of(dataset, arguments.field)
+        failures += check_points(dataset, field, arguments.probe_csv)
     for failure in failures[:20]:
         print(failure)
     print(f"{len(failures)} differences" if failures else "no differences")

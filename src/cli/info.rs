@@ -22,6 +22,9 @@ pub(super) struct Arguments {
     /// The input's format (default: told by its content)
     #[arg(long, value_name = "NAME")]
     format: Option<String>,
+    /// Of a simulation output, read only what describes it: no extrema, sums and leaf cells
+    #[arg(long)]
+    headers: bool,
 }
 
 /// Windows of a cache's index that are mapped: none is read.
@@ -33,8 +36,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         facts(cache.header(), &arguments.input, &json!("cache"))
     } else {
         let source = source::open(&arguments.input, arguments.format.as_deref())?;
-        let header = survey(source.as_ref())?;
-        facts(&header, &arguments.input, &json!("simulation output"))
+        if arguments.headers {
+            super::headers::facts(source.as_ref(), &arguments.input)?
+        } else {
+            let header = survey(source.as_ref())?;
+            facts(&header, &arguments.input, &json!("simulation output"))
+        }
     };
     let mut output = Output::new();
     if arguments.json {
@@ -157,7 +164,8 @@ fn print(facts: &Value, output: &mut Output) -> Result<()> {
         let simulation = &level["level"];
         let name = if simulation.is_null() { "–".to_owned() } else { text(simulation) };
         let [octree, grids, cells, leaf, bricks] =
-            ["octree_level", "grids", "cells", "leaf_cells", "bricks"].map(|k| text(&level[k]));
+            ["octree_level", "grids", "cells", "leaf_cells", "bricks"]
+                .map(|key| level.get(key).map_or_else(|| "–".to_owned(), text));
         output.line(row(&[name, octree, grids, cells, leaf, bricks]))?;
     }
     for field in facts["fields"].as_array().into_iter().flatten() {
@@ -173,6 +181,9 @@ fn row(cells: &[String; 6]) -> String {
 fn print_field(field: &Value, output: &mut Output) -> Result<()> {
     let number = |key: &str| field[key].to_string();
     let unit = field["units"].as_str().map_or_else(String::new, |unit| format!(" {unit}"));
+    if field.get("min").is_none() {
+        return output.line(format!("field {}:{unit}", field["name"].as_str().unwrap_or("?")));
+    }
     output.line(format!(
         "field {}: {} to {}{unit}, sum value·volume {} (as stored {})",
         field["name"].as_str().unwrap_or("?"),

@@ -4,6 +4,7 @@
 
 mod bench;
 mod demo;
+mod headers;
 mod info;
 mod ingest;
 mod output;

@@ -31,6 +31,7 @@ use crate::atomic_file::AtomicFile;
 use crate::cache::{BrickShape, CachedField, Header, TreeLevel};
 use crate::source::Source;
 use crate::space::{Decimal, Domain, FRACTION_BITS, IndexBox, MAX_OCTREE_LEVEL};
+use crate::spelling::nearest_first;
 use crate::{Error, Result};
 
 use assemble::{Assembler, Rules};
@@ -184,16 +185,16 @@ fn survey_in(
 
 fn choose_fields(source: &dyn Source, names: &[String]) -> Result<Vec<usize>> {
     let hierarchy = source.hierarchy();
-    let known = || {
-        let names: Vec<&str> = hierarchy.fields.iter().map(|f| f.name.as_str()).collect();
-        names.join(", ")
+    // The nearest to what was asked for comes first.
+    let known = |name: &str| {
+        nearest_first(name, hierarchy.fields.iter().map(|f| f.name.as_str())).join(", ")
     };
     if names.is_empty() {
         return hierarchy.density.map(|field| vec![field]).ok_or_else(|| {
             Error::request(format!(
                 "{}: no density field: choose with --field from {}",
                 source.path().display(),
-                known()
+                known("density")
             ))
         });
     }
@@ -202,9 +203,10 @@ fn choose_fields(source: &dyn Source, names: &[String]) -> Result<Vec<usize>> {
         let field = hierarchy.fields.iter().position(|f| f.name.eq_ignore_ascii_case(name));
         let field = field.ok_or_else(|| {
             Error::request(format!(
-                "{}: no field `{name}`: there are {}",
+                "{}: no field `{}`: there are {}",
                 source.path().display(),
-                known()
+                name.escape_debug(),
+                known(name)
             ))
         })?;
         if !chosen.contains(&field) {

@@ -1,8 +1,8 @@
 //! Colour maps by name: tables of 256 sRGB entries (sources and licences: `colormaps/NOTICE`).
 
 use super::piecewise::PiecewiseLinear;
-use super::spelling::nearest;
 use super::srgb::srgb_to_linear;
+use crate::spelling::nearest;
 use crate::{Error, Result};
 
 /// Entries of every table.

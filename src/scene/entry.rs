@@ -5,8 +5,8 @@ use std::ops::Range;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::spelling::nearest;
 use crate::space::Decimal;
+use crate::spelling::nearest;
 use crate::{Error, Result};
 
 /// A TOML text and where it comes from.

@@ -12,7 +12,6 @@ mod mapping;
 mod piecewise;
 mod render;
 mod segments;
-mod spelling;
 mod srgb;
 mod transfer;
 mod volume;
@@ -20,13 +19,13 @@ mod volume;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use crate::spelling::nearest;
 pub use camera::{CameraSettings, Projection};
 pub use colormap::{ColorMap, color_map_names};
 pub use file::{ImageSettings, MAX_SCENE_BYTES, Scene};
 pub use mapping::{FieldExtrema, LARGEST_UNCLAMPED, Mapping, Rounding, Scale};
 pub use piecewise::{LARGEST_TABLE_VALUE, MAX_TABLE_POINTS, PiecewiseLinear};
 pub use render::{Interpolation, MAX_SAMPLES_PER_AXIS, RenderSettings, Samples, Tolerance};
-pub(crate) use spelling::nearest;
 pub use srgb::{linear_to_srgb, srgb_to_linear};
 pub use transfer::TransferFunction;
 pub use volume::{ColorTable, Units, VolumeSettings};

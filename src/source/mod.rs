@@ -2,12 +2,15 @@
 //!
 //! A source knows grids and fields; it does not know bricks.
 
+mod athenapp;
 mod enzo;
+mod flash;
 pub mod hdf5;
 
 use std::path::Path;
 
 use crate::space::{Domain, IndexBox, Levels};
+use crate::spelling::nearest_first;
 use crate::{Error, Result};
 
 /// One field of a simulation output.
@@ -124,7 +127,7 @@ struct Format {
 }
 
 /// Every format that can be read, in the order they are tried.
-const FORMATS: &[Format] = &[enzo::FORMAT];
+const FORMATS: &[Format] = &[enzo::FORMAT, athenapp::FORMAT, flash::FORMAT];
 
 /// Opens a simulation output, telling its format by content unless `format` names it.
 ///
@@ -136,10 +139,10 @@ pub fn open(path: &Path, format: Option<&str>) -> Result<Box<dyn Source>> {
     let chosen = match format {
         Some(name) => {
             FORMATS.iter().find(|f| f.name.eq_ignore_ascii_case(name)).ok_or_else(|| {
-                let names: Vec<&str> = FORMATS.iter().map(|f| f.name).collect();
                 Error::request(format!(
-                    "format `{name}` is not known: there is {}",
-                    names.join(", ")
+                    "format `{}` is not known: there are {}",
+                    name.escape_debug(),
+                    nearest_first(name, FORMATS.iter().map(|f| f.name)).join(", ")
                 ))
             })?
         }
@@ -152,9 +155,21 @@ fn unknown(path: &Path) -> Error {
     let looked: Vec<String> =
         FORMATS.iter().map(|f| format!("{} ({})", f.name, f.looked_for)).collect();
     let reason = format!(
-        "is no output of a known format; looked for {}; name the format with --format to see \
-         what its reader says",
-        looked.join(", ")
+        "is {}, but no output of a known format; looked for {}; name the format with --format to \
+         see what its reader says",
+        kind(path),
+        looked.join("; ")
     );
     Error::not_supported(path.display(), reason)
+}
+
+/// What a file is as far as no format need be known.
+fn kind(path: &Path) -> &'static str {
+    if path.is_dir() {
+        "a folder"
+    } else if hdf5::is_hdf5(path) {
+        "an HDF5 file"
+    } else {
+        "a file"
+    }
 }

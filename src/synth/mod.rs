@@ -1,30 +1,94 @@
 //! Synthetic AMR data sets, written from recipes in the layouts of simulation codes.
 //!
 //! A [`Recipe`] (TOML; `datasets_synthetic/` holds examples) gives a domain, a density model
-//! ([`DensityModel`]) and rules for refinement ([`Grids`]). [`write`] walks the grids in the
-//! order of Enzo's own hierarchy files and writes them in batches, so memory depends on the
-//! largest grid and the deepest level, not on the size of the data set.
+//! ([`DensityModel`]), rules for refinement ([`Grids`]) and the layout, one of [`LAYOUTS`]. Enzo's
+//! grids are written in batches, so memory depends on the largest grid and the deepest level, not
+//! on the size of the data set; trees of blocks ([`tree`]) are built in memory.
 //!
 //! Values are the model at cell centres, from offsets that are exact at any depth. Cells under
 //! finer grids hold what the recipe asks for, which may be deliberately wrong: only leaf cells
 //! are the solution.
 
+mod athenapp;
 mod boxes;
 mod density;
 mod edges;
 mod enzo;
+mod flash;
 mod grids;
+mod hdf5;
 mod nested;
 mod noise;
 mod output;
 mod recipe;
 mod threshold;
+mod tree;
 mod values;
 
 pub use density::DensityModel;
-pub use enzo::{Summary, write};
 pub use grids::{Grid, Grids};
 pub use recipe::Recipe;
 
 #[cfg(test)]
 mod tests;
+
+use std::path::{Path, PathBuf};
+
+use crate::spelling::nearest_first;
+use crate::{Error, Result};
+
+/// What was written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Summary {
+    /// What readers open: Enzo's parameter file, or the one file that holds everything.
+    pub parameter_file: PathBuf,
+    /// Levels, the root grid's included.
+    pub levels: u32,
+    /// Grids of all levels.
+    pub grids: u64,
+    /// Cells of all grids, those under finer grids included.
+    pub cells: u64,
+    /// Size of all files together.
+    pub bytes: u64,
+}
+
+/// A simulation code's layout.
+struct Layout {
+    /// As a recipe's `output.format` takes it.
+    name: &'static str,
+    write: Write,
+}
+
+/// What [`write`] does, for one layout.
+type Write = fn(&Recipe, &Path, &mut dyn FnMut(u64, u64)) -> Result<Summary>;
+
+/// Every layout that can be written.
+const LAYOUTS: &[Layout] = &[enzo::LAYOUT, athenapp::LAYOUT, flash::LAYOUT];
+
+/// The layout called `name`.
+fn layout(name: &str) -> Result<&'static Layout> {
+    LAYOUTS.iter().find(|layout| layout.name.eq_ignore_ascii_case(name)).ok_or_else(|| {
+        let names = nearest_first(name, LAYOUTS.iter().map(|layout| layout.name));
+        let name = name.escape_debug();
+        Error::request(format!(
+            "output.format: `{name}` is unknown: there are {}",
+            names.join(", ")
+        ))
+    })
+}
+
+/// Writes the data set of `recipe` as a folder of its name in `directory`. `progress` hears of
+/// the cells written and their total number.
+///
+/// An earlier synthetic data set of that name is replaced; on failure nothing is left behind.
+///
+/// # Errors
+/// What the recipe's layout cannot hold, a folder that holds something else, and whatever the
+/// operating system refuses.
+pub fn write(
+    recipe: &Recipe,
+    directory: &Path,
+    progress: &mut dyn FnMut(u64, u64),
+) -> Result<Summary> {
+    (layout(&recipe.output.format)?.write)(recipe, directory, progress)
+}

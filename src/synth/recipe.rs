@@ -101,6 +101,10 @@ pub struct ThresholdRecipe {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OutputRecipe {
+    /// The layout: `enzo`, `athena++` or `flash`.
+    pub format: String,
+    /// Cells of a block, where the layout is a tree of equal blocks.
+    pub block: [u32; 3],
     /// Precision of field values.
     pub precision: Precision,
     /// Fields to write: `Density`, and any of `Temperature` and `x-`, `y-` and `z-velocity`.
@@ -192,6 +196,8 @@ impl Default for RefinementRecipe {
 impl Default for OutputRecipe {
     fn default() -> Self {
         Self {
+            format: "enzo".to_owned(),
+            block: [8; 3],
             precision: Precision::F64,
             fields: vec!["Density".to_owned()],
             covered: Covered::Factor(1.0),

@@ -17,9 +17,22 @@ pub(super) fn grid_values(
     fields: &[String],
     covered: Covered,
 ) -> Vec<Vec<f64>> {
-    let size = grid.cells.size().map(|n| n as usize);
-    let octree = grids.octree(grid.level);
-    let mut sampler = grids.model().sampler(octree, grid.cells);
+    let mut values = model_values(grids, grid.level, grid.cells, fields);
+    for child in grids.children(grid.level, &grid.cells) {
+        cover(grids, grid, child, fields, covered, &mut values);
+    }
+    values
+}
+
+/// Values of the model at the centres of `cells` of level `level`, as [`grid_values`] gives them.
+pub(super) fn model_values(
+    grids: &Grids,
+    level: u32,
+    cells: IndexBox,
+    fields: &[String],
+) -> Vec<Vec<f64>> {
+    let size = cells.size().map(|n| n as usize);
+    let mut sampler = grids.model().sampler(grids.octree(level), cells);
     let mut values: Vec<Vec<f64>> =
         fields.iter().map(|_| Vec::with_capacity(size[0] * size[1] * size[2])).collect();
     for z in 0..size[2] {
@@ -28,9 +41,6 @@ pub(super) fn grid_values(
                 push_cell(&mut sampler, [x, y, z], fields, &mut values);
             }
         }
-    }
-    for child in grids.children(grid.level, &grid.cells) {
-        cover(grids, grid, child, fields, covered, &mut values);
     }
     values
 }

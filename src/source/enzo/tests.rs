@@ -216,5 +216,5 @@ fn formats_are_told_by_content_and_named_where_none_fits() {
     let error = crate::source::open(&path, None).err().unwrap().to_string();
     assert!(error.contains("notes.txt") && error.contains("looked for enzo"), "{error}");
     let error = crate::source::open(&dump.path(), Some("tiff")).err().unwrap().to_string();
-    assert!(error.contains("`tiff` is not known: there is enzo"), "{error}");
+    assert!(error.contains("`tiff` is not known: there are") && error.contains("enzo"), "{error}");
 }

@@ -9,10 +9,13 @@ mod native;
 mod pool;
 #[cfg(any(test, not(feature = "libhdf5")))]
 mod pure;
+#[cfg(any(test, not(feature = "libhdf5")))]
+mod pure_number;
 #[cfg(test)]
 mod tests;
 
 use std::collections::BTreeMap;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 pub use pool::Pool;
@@ -29,10 +32,15 @@ const READ_VALUES: usize = 1 << 19;
 /// Most values of a list that is read whole, [`File::values`].
 const LIST_VALUES: usize = 1 << 20;
 
+/// More values than a byte of a file can stand for: deflate shrinks to a 1032nd at best.
+const MOST_VALUES_PER_BYTE: u128 = 1100;
+/// Most rows of a table that is read whole, [`File::table`].
+const TABLE_ROWS: u64 = 1 << 16;
+
 /// What a dataset's elements are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Element {
-    /// IEEE numbers of 32 or 64 bits, either byte order.
+    /// IEEE numbers of 16, 32 or 64 bits, either byte order.
     Float,
     /// Signed or unsigned integers of 8 to 64 bits, either byte order.
     Integer,
@@ -116,6 +124,10 @@ trait Backend: Send + Sync {
     /// All strings of a dataset.
     fn strings(&self, path: &str) -> Result<Vec<String>, String>;
 
+    /// Rows of a table of names and values: their members `name` and `value`, wherever in a row
+    /// these lie. Values are lists of one.
+    fn named_values(&self, path: &str) -> Result<Vec<(String, Values)>, String>;
+
     /// The block of `count` elements from `start`, as f64, last axis fastest.
     fn read_f64(
         &self,
@@ -158,6 +170,25 @@ impl File {
         Ok(Self { path: path.to_path_buf(), backend: Box::new(backend) })
     }
 
+    /// Refuses a file too short to hold `count` blocks of `cells` numbers, however well compressed:
+    /// lists that long must not be walked, as datasets without data read as endless zeros.
+    ///
+    /// # Errors
+    /// Such a file, or one whose size cannot be read.
+    pub fn check_holds(&self, count: u64, cells: u128) -> Result<()> {
+        let bytes = std::fs::metadata(&self.path)
+            .map_err(|e| Error::io(&self.path, "cannot read the size", e))?
+            .len();
+        let values = u128::from(count).checked_mul(cells);
+        let fits = |values| values <= u128::from(bytes) * MOST_VALUES_PER_BYTE;
+        if count <= bytes && values.is_some_and(fits) {
+            return Ok(());
+        }
+        let reason =
+            format!("claims {count} blocks of {cells} cells, which its {bytes} bytes cannot hold");
+        Err(Error::invalid(self.path.display(), reason))
+    }
+
     /// Names in group `group` (`/` is the root).
     ///
     /// # Errors
@@ -185,7 +216,7 @@ impl File {
         self.backend.dataset(path).map_err(|e| self.fault(path, e))
     }
 
-    /// All values of a short list: a scalar or 1-D dataset.
+    /// All values of a short list: a scalar, or a dataset with one axis longer than 1.
     ///
     /// # Errors
     /// No such dataset, one of more axes or more than a million values, or one that is neither
@@ -194,7 +225,7 @@ impl File {
         let Dataset { shape, element } = self.dataset(path)?;
         let length = shape.first().copied().unwrap_or(1);
         let length = usize::try_from(length).unwrap_or(usize::MAX);
-        if shape.len() > 1 || length > LIST_VALUES {
+        if shape.iter().skip(1).any(|&n| n != 1) || length > LIST_VALUES {
             return Err(self.fault(path, format!("expected a short list, found shape {shape:?}")));
         }
         let start = vec![0; shape.len()];
@@ -214,6 +245,20 @@ impl File {
             }
             Element::Other => Err(self.fault(path, "is neither numbers nor strings")),
         }
+    }
+
+    /// A table of names and values: a 1-D dataset of compounds with members `name` (a string of
+    /// fixed length) and `value` (a number or such a string). Each value is a list of one.
+    ///
+    /// # Errors
+    /// No such dataset, one of other elements or of more than 65,536, or a damaged one.
+    pub fn table(&self, path: &str) -> Result<BTreeMap<String, Values>> {
+        let shape = self.dataset(path)?.shape;
+        if shape.len() > 1 || shape.first().is_some_and(|&rows| rows > TABLE_ROWS) {
+            return Err(self.fault(path, format!("expected a short table, found shape {shape:?}")));
+        }
+        let rows = self.backend.named_values(path).map_err(|e| self.fault(path, e))?;
+        Ok(rows.into_iter().collect())
     }
 
     /// Reads the block of `count` elements from `start` (both slowest axis first) of the dataset
@@ -273,9 +318,17 @@ impl File {
     }
 }
 
-/// `text` without the blanks or zeros that fill up strings of fixed length.
+/// Whether a file starts as HDF5 files do (a user block before it is not looked behind).
+pub fn is_hdf5(path: &Path) -> bool {
+    const SIGNATURE: &[u8; 8] = b"\x89HDF\r\n\x1a\n";
+    let mut start = [0; 8];
+    let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut start));
+    read.is_ok() && start == *SIGNATURE
+}
+
+/// `text` up to its end mark, without the blanks or zeros that fill up strings of fixed length.
 fn unpadded(text: &str) -> String {
-    text.trim_end_matches([' ', '\0']).to_owned()
+    text.split('\0').next().unwrap_or("").trim_end_matches(' ').to_owned()
 }
 
 /// Calls `read` for parts of at most [`READ_VALUES`] values, halving the slowest axis that has

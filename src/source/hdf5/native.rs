@@ -14,6 +14,33 @@ use super::{Backend, Dataset, Element, Members, Values};
 /// Longest string of fixed length that is read.
 const LONGEST_STRING: usize = 4096;
 
+/// A table's names and texts; longer ones are cut.
+type Name = FixedAscii<512>;
+
+/// A row of a table of integers; the library converts members by name.
+#[derive(Clone, hdf5::H5Type)]
+#[repr(C)]
+struct IntegerRow {
+    name: Name,
+    value: i64,
+}
+
+/// A row of a table of floating point numbers.
+#[derive(Clone, hdf5::H5Type)]
+#[repr(C)]
+struct FloatRow {
+    name: Name,
+    value: f64,
+}
+
+/// A row of a table of strings.
+#[derive(Clone, hdf5::H5Type)]
+#[repr(C)]
+struct TextRow {
+    name: Name,
+    value: Name,
+}
+
 /// A file open in the C library.
 pub(super) struct Native {
     file: hdf5::File,
@@ -64,6 +91,34 @@ impl Backend for Native {
 
     fn strings(&self, path: &str) -> Result<Vec<String>, String> {
         strings(&*self.file.dataset(path).map_err(|e| reason(&e))?)
+    }
+
+    fn named_values(&self, path: &str) -> Result<Vec<(String, Values)>, String> {
+        let table = self.file.dataset(path).map_err(|e| reason(&e))?;
+        let Ok(TypeDescriptor::Compound(row)) = table.dtype().and_then(|t| t.to_descriptor())
+        else {
+            return Err("is no table of names and values".into());
+        };
+        let Some(value) = row.fields.iter().find(|field| field.name == "value") else {
+            return Err("its rows have no member `value`".into());
+        };
+        match value.ty {
+            TypeDescriptor::Float(_) => rows(&table, |row: &FloatRow| {
+                (row.name.as_str().to_owned(), Values::Floats(vec![row.value]))
+            }),
+            TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_) => {
+                rows(&table, |row: &IntegerRow| {
+                    (row.name.as_str().to_owned(), Values::Integers(vec![row.value]))
+                })
+            }
+            TypeDescriptor::FixedAscii(_) | TypeDescriptor::FixedUnicode(_) => {
+                rows(&table, |row: &TextRow| {
+                    let text = super::unpadded(row.value.as_str());
+                    (row.name.as_str().to_owned(), Values::Text(vec![text]))
+                })
+            }
+            _ => Err("its member `value` is neither a number nor a string".into()),
+        }
     }
 
     fn read_f64(
@@ -134,7 +189,7 @@ fn read<T: H5Type + Copy>(
 
 fn element(object: &Container) -> Element {
     match object.dtype().and_then(|datatype| datatype.to_descriptor()) {
-        Ok(TypeDescriptor::Float(FloatSize::U4 | FloatSize::U8)) => Element::Float,
+        Ok(TypeDescriptor::Float(FloatSize::U2 | FloatSize::U4 | FloatSize::U8)) => Element::Float,
         Ok(TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_)) => Element::Integer,
         Ok(
             TypeDescriptor::FixedAscii(_)
@@ -163,6 +218,16 @@ fn strings(object: &Container) -> Result<Vec<String>, String> {
         TypeDescriptor::VarLenUnicode => texts(object, VarLenUnicode::as_str),
         _ => Err("its elements are not strings".into()),
     }
+}
+
+/// All rows of `table`, read as `T`.
+fn rows<T: H5Type>(
+    table: &Container,
+    values: impl Fn(&T) -> (String, Values),
+) -> Result<Vec<(String, Values)>, String> {
+    let rows: Vec<T> = table.read_raw().map_err(|e| reason(&e))?;
+    let unpad = |(name, value): (String, Values)| (super::unpadded(&name), value);
+    Ok(rows.iter().map(|row| unpad(values(row))).collect())
 }
 
 /// All elements of `object`, read as `T`, without padding.

@@ -3,8 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use hdf5_reader::{Attribute, Datatype, H5Type, Hdf5File, OpenOptions, SliceInfo, SliceInfoElem};
+use hdf5_reader::{
+    Attribute, CompoundField, Datatype, H5Type, Hdf5File, OpenOptions, SliceInfo, SliceInfoElem,
+    StringSize,
+};
 
+use super::pure_number::{Half, Number, element, with_number};
 use super::{Backend, Dataset, Element, LIST_VALUES, Members, READ_VALUES, Values};
 
 /// Bytes of decoded chunks kept for each open file.
@@ -13,63 +17,6 @@ const CHUNK_CACHE_BYTES: usize = 4 << 20;
 const CHUNK_BYTES: usize = 64 << 20;
 /// Largest object header accepted; real ones have a few kB.
 const HEADER_BYTES: usize = 1 << 20;
-
-/// A number that a file may hold.
-trait Number: H5Type {
-    const ELEMENT: Element;
-    fn to_f64(self) -> f64;
-    fn to_i64(self) -> i64;
-}
-
-macro_rules! number {
-    ($($type:ident $element:ident $to_f64:expr, $to_i64:expr;)*) => {$(
-        impl Number for $type {
-            const ELEMENT: Element = Element::$element;
-            fn to_f64(self) -> f64 {
-                $to_f64(self)
-            }
-            fn to_i64(self) -> i64 {
-                $to_i64(self)
-            }
-        }
-    )*};
-}
-
-number! {
-    f32 Float f64::from, |v| v as i64;
-    f64 Float f64::from, |v| v as i64;
-    i8 Integer f64::from, i64::from;
-    u8 Integer f64::from, i64::from;
-    i16 Integer f64::from, i64::from;
-    u16 Integer f64::from, i64::from;
-    i32 Integer f64::from, i64::from;
-    u32 Integer f64::from, i64::from;
-    i64 Integer |v| v as f64, i64::from;
-    u64 Integer |v| v as f64, |v| i64::try_from(v).unwrap_or(i64::MAX);
-}
-
-/// Evaluates the first expression with `$type` standing for the [`Number`] that the datatype is,
-/// or the second if it is none.
-macro_rules! with_number {
-    ($datatype:expr, $type:ident => $some:expr, else $none:expr) => {
-        with_number!(@match $datatype, $type, $some, $none,
-            FloatingPoint { size: 4 } f32, FloatingPoint { size: 8 } f64,
-            FixedPoint { size: 1, signed: true } i8, FixedPoint { size: 1, signed: false } u8,
-            FixedPoint { size: 2, signed: true } i16, FixedPoint { size: 2, signed: false } u16,
-            FixedPoint { size: 4, signed: true } i32, FixedPoint { size: 4, signed: false } u32,
-            FixedPoint { size: 8, signed: true } i64, FixedPoint { size: 8, signed: false } u64)
-    };
-    (@match $datatype:expr, $type:ident, $some:expr, $none:expr,
-     $($class:ident { $($key:ident : $value:literal),* } $number:ident),*) => {
-        match $datatype {
-            $(Datatype::$class { $($key: $value,)* .. } => {
-                type $type = $number;
-                $some
-            })*
-            _ => $none,
-        }
-    };
-}
 
 /// A file open in the pure-Rust reader.
 pub(super) struct Pure {
@@ -83,7 +30,9 @@ impl Backend for Pure {
             .with_max_chunk_bytes(CHUNK_BYTES)
             .with_max_read_bytes(READ_VALUES.max(LIST_VALUES) * size_of::<f64>())
             .with_max_object_header_bytes(HEADER_BYTES);
-        Ok(Self { file: Hdf5File::open_with_options(path, options).map_err(|e| reason(&e))? })
+        let file = Hdf5File::open_with_options(path, options).map_err(|e| reason(&e))?;
+        check_end(path, &file)?;
+        Ok(Self { file })
     }
 
     fn members(&self, group: &str) -> Result<Members, String> {
@@ -103,7 +52,11 @@ impl Backend for Pure {
 
     fn dataset(&self, path: &str) -> Result<Dataset, String> {
         let dataset = self.file.dataset(path).map_err(|e| reason(&e))?;
-        Ok(Dataset { shape: dataset.shape().to_vec(), element: element(dataset.dtype()) })
+        let element = match dataset.dtype() {
+            Datatype::FloatingPoint { size: 2, .. } => half_element(&dataset)?,
+            datatype => element(datatype),
+        };
+        Ok(Dataset { shape: dataset.shape().to_vec(), element })
     }
 
     fn strings(&self, path: &str) -> Result<Vec<String>, String> {
@@ -114,6 +67,21 @@ impl Backend for Pure {
             .read_strings()
             .map_err(|e| reason(&e))?;
         Ok(strings.iter().map(|text| super::unpadded(text)).collect())
+    }
+
+    fn named_values(&self, path: &str) -> Result<Vec<(String, Values)>, String> {
+        let dataset = self.file.dataset(path).map_err(|e| reason(&e))?;
+        let Datatype::Compound { size, fields } = dataset.dtype() else {
+            return Err("is no table of names and values".into());
+        };
+        let member = |name: &str| {
+            let found = fields.iter().find(|field| field.name == name);
+            found.ok_or_else(|| format!("its rows have no member `{name}`"))
+        };
+        let (name, value) = (member("name")?, member("value")?);
+        let bytes = dataset.read_raw_bytes().map_err(|e| reason(&e))?;
+        let rows = bytes.chunks_exact((*size as usize).max(1));
+        rows.map(|row| Ok((text_member(row, name)?, value_member(row, value)?))).collect()
     }
 
     fn read_f64(
@@ -144,6 +112,18 @@ impl Backend for Pure {
     }
 }
 
+/// Refuses a file that ends before its superblock says, as the C library does: what is missing
+/// may be data that nobody asks for at first.
+fn check_end(path: &Path, file: &Hdf5File) -> Result<(), String> {
+    let stated = file.superblock().eof_address;
+    let bytes = std::fs::metadata(path).map_err(|e| e.to_string())?.len();
+    // All ones: unknown.
+    if stated <= bytes || stated == u64::MAX || stated == u64::from(u32::MAX) {
+        return Ok(());
+    }
+    Err(format!("is truncated: {bytes} of {stated} bytes are there"))
+}
+
 /// A selection of one dataset.
 struct Block {
     dataset: hdf5_reader::Dataset,
@@ -161,7 +141,7 @@ impl Block {
         Ok(Self { dataset, selection: SliceInfo { selections } })
     }
 
-    fn fill<T: H5Type + Copy, U>(
+    fn fill<T: Number + Copy, U>(
         &self,
         out: &mut [U],
         widen: impl Fn(T) -> U,
@@ -186,11 +166,44 @@ impl Block {
     }
 }
 
-fn element(datatype: &Datatype) -> Element {
-    with_number!(datatype, T => T::ELEMENT, else match datatype {
-        Datatype::String { .. } => Element::Text,
-        _ => Element::Other,
-    })
+/// What floats of 16 bits are: there are other kinds than IEEE's, told by the bits of their
+/// exponents.
+fn half_element(dataset: &hdf5_reader::Dataset) -> Result<Element, String> {
+    let datatype = dataset.raw_datatype().map_err(|e| reason(&e))?;
+    // Class, flags and size (8 bytes), offset and precision in bits (2 each), place and size of
+    // the exponent (1 each).
+    Ok(if datatype.get(13) == Some(&5) { Element::Float } else { Element::Other })
+}
+
+/// A string member of a table's row.
+fn text_member(row: &[u8], member: &CompoundField) -> Result<String, String> {
+    let Datatype::String { size: StringSize::Fixed(length), .. } = member.datatype else {
+        return Err(format!("its member `{}` is no string of fixed length", member.name));
+    };
+    Ok(super::unpadded(&String::from_utf8_lossy(member_bytes(row, member, length as usize)?)))
+}
+
+/// A member of a table's row as a list of one.
+fn value_member(row: &[u8], member: &CompoundField) -> Result<Values, String> {
+    with_number!(&member.datatype, T => {
+        let bytes = member_bytes(row, member, T::element_size(&member.datatype))?;
+        let number = T::from_bytes(bytes, &member.datatype).map_err(|e| reason(&e))?;
+        Ok(match T::ELEMENT {
+            Element::Float => Values::Floats(vec![number.to_f64()]),
+            _ => Values::Integers(vec![number.to_i64()]),
+        })
+    }, else text_member(row, member).map(|text| Values::Text(vec![text])))
+}
+
+fn member_bytes<'r>(
+    row: &'r [u8],
+    member: &CompoundField,
+    length: usize,
+) -> Result<&'r [u8], String> {
+    let start = member.byte_offset as usize;
+    let end = start.checked_add(length);
+    let inside = end.and_then(|end| row.get(start..end));
+    inside.ok_or_else(|| format!("its member `{}` lies outside the row", member.name))
 }
 
 fn attribute_values(attribute: &Attribute) -> Option<Values> {

@@ -1,18 +1,16 @@
 //! `.cpuNNNN` files: the grids' values.
 
-use std::fs::File;
-use std::path::{Path, PathBuf};
-
-use hdf5_pure::{FileBuilder, GroupBuilder, LibVer, make_f32_type, make_f64_type};
+use hdf5_pure::{FileBuilder, GroupBuilder, LibVer};
 use rayon::prelude::*;
 
 use super::{data_file, particles};
+use crate::Result;
 use crate::synth::grids::{Grid, Grids};
+use crate::synth::hdf5::{save, stored_bytes, stored_type};
 use crate::synth::noise::hash;
 use crate::synth::output::OutputFolder;
-use crate::synth::recipe::{Precision, Recipe};
+use crate::synth::recipe::Recipe;
 use crate::synth::values::grid_values;
-use crate::{Error, Result};
 
 /// Collects grids until a file is full, then evaluates and writes them.
 pub(super) struct DataFiles<'a> {
@@ -101,10 +99,7 @@ impl<'a> DataFiles<'a> {
     }
 
     fn add_field(&self, group: &mut GroupBuilder, grid: &Grid, field: usize, bytes: Vec<u8>) {
-        let datatype = match self.recipe.output.precision {
-            Precision::F32 => make_f32_type(),
-            Precision::F64 => make_f64_type(),
-        };
+        let datatype = stored_type(self.recipe.output.precision);
         let [x, y, z] = grid.cells.size().map(|n| n as u64);
         group
             .create_dataset(&self.recipe.output.fields[field])
@@ -115,13 +110,6 @@ impl<'a> DataFiles<'a> {
 
 fn cells(grid: &Grid) -> u64 {
     grid.cells.size().iter().product::<i128>() as u64
-}
-
-fn stored_bytes(values: &[f64], precision: Precision) -> Vec<u8> {
-    match precision {
-        Precision::F32 => values.iter().flat_map(|&v| (v as f32).to_le_bytes()).collect(),
-        Precision::F64 => values.iter().flat_map(|v| v.to_le_bytes()).collect(),
-    }
 }
 
 /// Particles at made-up places of a grid, one dataset a property as Enzo stores them.
@@ -144,16 +132,4 @@ fn add_particles(group: &mut GroupBuilder, grids: &Grids, grid: &Grid, count: u3
         let rest = vec![0.0; count as usize];
         group.create_dataset(&format!("particle_velocity_{name}")).with_f64_data(&rest);
     }
-}
-
-/// Writes an HDF5 file; its size.
-pub(super) fn save(builder: FileBuilder, path: &Path) -> Result<u64> {
-    let failed = |e: hdf5_pure::Error| match e {
-        hdf5_pure::Error::Io(e) => Error::io(path, "cannot write", e),
-        other => Error::invalid(path.display(), format!("cannot write HDF5: {other}")),
-    };
-    let file = File::create(path).map_err(|e| Error::io(path, "cannot create", e))?;
-    builder.finish_to(&file).map_err(failed)?;
-    let size = |path: PathBuf| std::fs::metadata(&path).map(|m| m.len());
-    size(path.to_path_buf()).map_err(|e| Error::io(path, "cannot read the size", e))
 }

@@ -53,7 +53,7 @@ pub(super) fn write(
         builder.add_group(group.finish());
     }
     let path = folder.file(&format!("{}.hierarchy.hdf5", recipe.name));
-    super::data::save(builder, &path)
+    crate::synth::hdf5::save(builder, &path)
 }
 
 fn grid_group(

@@ -1,19 +1,15 @@
 //! The parameter file.
 
 use std::fmt::Write;
-use std::fs;
 
 use super::{TIME, Totals, field_types};
+use crate::Result;
 use crate::synth::output::{MARK, OutputFolder};
 use crate::synth::recipe::Recipe;
-use crate::{Error, Result};
 
 /// Writes the parameter file; its size.
 pub(super) fn write(recipe: &Recipe, folder: &OutputFolder, totals: Totals) -> Result<u64> {
-    let path = folder.file(&recipe.name);
-    let text = text(recipe, totals);
-    fs::write(&path, &text).map_err(|e| Error::io(&path, "cannot write", e))?;
-    Ok(text.len() as u64)
+    folder.write_text(&recipe.name, &text(recipe, totals))
 }
 
 fn text(recipe: &Recipe, totals: Totals) -> String {

@@ -76,6 +76,10 @@ impl Recipe {
 
     fn validate_output(&self) -> Result<()> {
         let output = &self.output;
+        crate::synth::layout(&output.format)?;
+        if output.block.iter().any(|&n| n == 0 || n > 64) {
+            return Err(Error::request("output.block: 1 to 64 cells along each axis"));
+        }
         if !(output.file_mib > 0.0 && output.file_mib <= 256.0) {
             return Err(Error::request("output.file_mib: more than 0, at most 256"));
         }

@@ -8,6 +8,18 @@ pub(crate) fn nearest<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) 
     known.into_iter().min_by_key(|candidate| distance(word, candidate))
 }
 
+/// The words of `known`, the nearest to `word` first, the others as they come.
+pub(crate) fn nearest_first<'k>(
+    word: &str,
+    known: impl IntoIterator<Item = &'k str>,
+) -> Vec<&'k str> {
+    let mut words: Vec<&str> = known.into_iter().collect();
+    if let Some(first) = nearest(word, words.iter().copied()) {
+        words.sort_by_key(|candidate| *candidate != first);
+    }
+    words
+}
+
 /// Edit distance that counts insertions, deletions, replacements and swaps of neighbours, without
 /// regard to case (optimal string alignment).
 fn distance(a: &str, b: &str) -> usize {
@@ -56,5 +68,7 @@ mod tests {
         assert_eq!(nearest("sampels", known), Some("samples"));
         assert!(nearest("x".repeat(1_000_000).as_str(), known).is_some());
         assert_eq!(nearest("x", []), None);
+        assert_eq!(nearest_first("c", ["a", "bc", "d", "c"]), ["c", "a", "bc", "d"]);
+        assert!(nearest_first("c", []).is_empty());
     }
 }

@@ -1,0 +1,98 @@
+//! FLASH and Flash-X (Fryxell et al., *ApJS* 131, 2000): checkpoint and plot files of PARAMESH
+//! runs, a tree of equal blocks in one HDF5 file. Parents are stored as well, with whatever data
+//! they last had: only leaf blocks (node type 1) are the solution, and only these are grids here.
+
+mod boxes;
+mod fields;
+mod header;
+#[cfg(test)]
+mod made;
+#[cfg(test)]
+mod tests;
+mod tree;
+
+use std::path::{Path, PathBuf};
+
+use header::Header;
+use tree::Tree;
+
+use super::hdf5::File;
+use super::{Format, GridBlock, GridRecord, Hierarchy, Source};
+use crate::space::Levels;
+use crate::{Error, Result};
+
+/// How the reader is listed among the formats.
+pub(super) const FORMAT: Format = Format {
+    name: "flash",
+    looked_for: "an HDF5 file with datasets `node type`, `refine level` and `bounding box`",
+    recognises,
+    open: |path| Ok(Box::new(Flash::open(path)?)),
+};
+
+/// Whether `path` names a FLASH output, by its datasets.
+fn recognises(path: &Path) -> bool {
+    super::hdf5::is_hdf5(path)
+        && File::open(path).and_then(|file| file.members("/")).is_ok_and(|members| {
+            let has = |name: &&str| members.datasets.iter().any(|dataset| dataset == name);
+            ["node type", "refine level", "bounding box"].iter().all(has)
+        })
+}
+
+/// A FLASH output.
+struct Flash {
+    path: PathBuf,
+    file: File,
+    header: Header,
+    tree: Tree,
+    /// Paths of the fields' datasets.
+    datasets: Vec<String>,
+    hierarchy: Hierarchy,
+}
+
+impl Flash {
+    fn open(path: &Path) -> Result<Self> {
+        let file = File::open(path)?;
+        let header = Header::read(&file, path)?;
+        let tree = Tree::read(&file, path, &header)?;
+        let (datasets, fields) = fields::find(&file, path, &header)?;
+        let levels = Levels::from_factors(&vec![2; tree.deepest() as usize])
+            .map_err(|e| Error::not_supported(path.display(), e.to_string()))?;
+        let density = fields.iter().position(|field| field.name == "dens");
+        let (domain, time) = (header.domain.clone(), header.time);
+        let hierarchy = Hierarchy { domain, levels, fields, density, time };
+        Ok(Self { path: path.to_path_buf(), file, header, tree, datasets, hierarchy })
+    }
+}
+
+impl Source for Flash {
+    fn format(&self) -> &'static str {
+        FORMAT.name
+    }
+
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn hierarchy(&self) -> &Hierarchy {
+        &self.hierarchy
+    }
+
+    fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {
+        self.tree.for_each_leaf(&self.header, visit)
+    }
+
+    fn read(
+        &self,
+        grid: &GridRecord,
+        field: usize,
+        block: GridBlock,
+        out: &mut [f64],
+    ) -> Result<()> {
+        let dataset = self.datasets.get(field).ok_or_else(|| {
+            Error::request(format!("{}: has no field number {field}", self.path.display()))
+        })?;
+        let [x, y, z] = block.lo.map(u64::from);
+        let [nx, ny, nz] = block.size.map(u64::from);
+        self.file.read_f64(dataset, &[grid.locator, z, y, x], &[1, nz, ny, nx], out)
+    }
+}
