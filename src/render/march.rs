@@ -228,7 +228,7 @@ fn each_part(
     mut look: impl FnMut([f64; 3], (f64, f64), f64),
 ) {
     let cells = (to - from) * ray.direction.abs().max_element();
-    if !(cells > 0.0) {
+    if cells.is_nan() || cells <= 0.0 {
         return;
     }
     let count = (cells / PART_CELLS).ceil().min(MOST_PARTS);

@@ -263,7 +263,7 @@ impl Studio<'_> {
         for attempt in 0..ATTEMPTS {
             let poor: Vec<bool> = lock(&picture.bounds)
                 .iter()
-                .map(|bound| attempt == 0 || !(bound.total() <= limit))
+                .map(|bound| attempt == 0 || bound.total().is_nan() || bound.total() > limit)
                 .collect();
             if !poor.contains(&true) {
                 break;

@@ -43,7 +43,7 @@ impl Goal {
     }
 
     fn cut(&self, limit: f64) -> Cut {
-        if self.all_levels || !(limit > SMALLEST_LIMIT * self.tolerance) {
+        if self.all_levels || limit.is_nan() || limit <= SMALLEST_LIMIT * self.tolerance {
             Cut::FullDepth
         } else {
             Cut::Error(ErrorCut { limit, behind: self.behind })
@@ -185,7 +185,7 @@ impl Sheet {
                 }
             }
         }
-        self.wait(quartered, BATCH_RAYS / 4, true, &batch.cut);
+        self.wait(&quartered, BATCH_RAYS / 4, true, &batch.cut);
         if let (Some(goal), false) = (self.goal, finer.is_empty()) {
             let cut = match &batch.cut {
                 Cut::Error(cut) => {
@@ -194,11 +194,11 @@ impl Sheet {
                 }
                 _ => Cut::FullDepth,
             };
-            self.wait(finer, BATCH_RAYS, false, &cut);
+            self.wait(&finer, BATCH_RAYS, false, &cut);
         }
     }
 
-    fn wait(&mut self, squares: Vec<Square>, most: usize, quartered: bool, cut: &Cut) {
+    fn wait(&mut self, squares: &[Square], most: usize, quartered: bool, cut: &Cut) {
         for squares in squares.chunks(most) {
             self.waiting.push_back(Waiting {
                 squares: squares.to_vec(),

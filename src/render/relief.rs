@@ -167,7 +167,7 @@ impl Looker<'_> {
         let Distance { residual, tree, storage, .. } = *self.distance;
         group.storage = storage.between(group.low, group.high);
         if residual > 0.0 && self.has_children(first) {
-            group.levels = if self.brick.is_piecewise_constant() || !(residual < FAR) {
+            group.levels = if self.brick.is_piecewise_constant() || residual.is_nan() || residual >= FAR {
                 self.far_change(&group, residual, tree)
             } else {
                 self.change(&group, residual)
@@ -339,7 +339,7 @@ impl<'b> Parents<'b> {
     fn along(&self, a: usize, cell: usize) -> [usize; 2] {
         let place = cell + 1 + self.upper[a];
         let (parent, last) = (place / 2, self.coarse.side - 1);
-        let beside = if place % 2 == 0 { parent.saturating_sub(1) } else { parent + 1 };
+        let beside = if place.is_multiple_of(2) { parent.saturating_sub(1) } else { parent + 1 };
         [parent.min(last), beside.min(last)]
     }
 

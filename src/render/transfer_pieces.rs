@@ -100,7 +100,7 @@ impl Piece {
         if self.is_transparent {
             return 0.0;
         }
-        let (left, right) = (self.start.max(0.0), self.end.min(1.0).max(0.0));
+        let (left, right) = (self.start.max(0.0), self.end.clamp(0.0, 1.0));
         let most = |x: f64| self.emission(x).into_iter().fold(0.0, f64::max);
         let (k0, k1) = (self.extinction(left), self.extinction(right));
         let (j0, j1) = (most(left), most(right));

@@ -155,8 +155,8 @@ impl Mapping {
 
     /// A difference in the scale, in x.
     fn of_scale(&self, difference: f64) -> f64 {
-        let is_constant =
-            self.floor.is_nan() || self.high.partial_cmp(&self.low).is_none_or(|o| o.is_le());
+        let is_constant = self.floor.is_nan()
+            || self.high.partial_cmp(&self.low).is_none_or(std::cmp::Ordering::is_le);
         if is_constant || difference == 0.0 { 0.0 } else { difference / (self.high - self.low) }
     }
 
