@@ -186,8 +186,9 @@ impl<'a> Ledger<'a> {
         let all = tally.slope.plus(tally.kinks).times(most).plus(tally.jumps.plus(end).times(2.0));
         self.error.farthest = self.error.farthest.plus(all);
         // A half second derivative c bends the mean of opposite places by c times the square of
-        // their distance in value: on average at most half that of the farthest.
-        let bent = Sums { emission: 0.5 * tally.bend * most * most, ..Sums::default() };
+        // their distance in value: on average at most a third of that of the farthest, as it is
+        // of a sum of two values that are uniform between opposite bounds.
+        let bent = Sums { emission: tally.bend * most * most / 3.0, ..Sums::default() };
         // At a kink as at a face: at most a quarter of the farthest is beyond it on average.
         let kinks = tally.kinks.times((0.25 * most + uneven).min(0.5 * most));
         let cancelled =

@@ -61,8 +61,24 @@ pub(super) struct Beam {
 }
 
 /// Adds to `state` what `ray` gathers in a brick, front to back, and to `account` what of it may
-/// be wrong. Returns the number of stretches integrated.
+/// be wrong. Returns the number of stretches integrated. Bricks come front to back.
 pub(super) fn march(
+    passage: &Passage<'_>,
+    ray: &LocalRay,
+    light: &Light<'_>,
+    state: &mut RayState,
+    account: Option<(&mut RayError, &Beam)>,
+) -> u64 {
+    let Some((error, beam)) = account else { return march_brick(passage, ray, light, state, None) };
+    let before = *error;
+    let count = march_brick(passage, ray, light, state, Some((&mut *error, beam)));
+    if beam.spread != [0.0; 3] {
+        error.multiply(&before);
+    }
+    count
+}
+
+fn march_brick(
     passage: &Passage<'_>,
     ray: &LocalRay,
     light: &Light<'_>,

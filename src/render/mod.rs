@@ -145,8 +145,12 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     let reserved = plan.reserve(&Budget::new(options.memory))?;
     cache.set_index_windows(plan.windows);
     let counters = Counters::new(header.nodes(), header.levels.len());
-    let studio =
-        Studio { cache, scene, shading: &shading, counters: &counters, plan: &plan, threads };
+    let exact = TransferPieces::new(&shading.transfer, |_| 0.0);
+    let accounts = options.fixed.is_none().then_some(&exact.all);
+    let loader = BrickLoader { cache, shading: &shading, accounts };
+    let pool = Pool::new(plan.slots, loader, &counters);
+    let (shading, plan) = (&shading, &plan);
+    let studio = Studio { cache, scene, shading, exact: &exact, pool: &pool, plan, threads };
     let mut samples = vec![0; header.levels.len()];
     let outcome = match options.fixed {
         Some(fixed) => studio.by_hand(&pixels, &fixed, options, &mut samples)?,
@@ -180,7 +184,9 @@ struct Studio<'s> {
     cache: &'s Cache,
     scene: &'s Scene,
     shading: &'s Shading,
-    counters: &'s Counters,
+    /// The transfer function without simplifications.
+    exact: &'s TransferPieces,
+    pool: &'s Pool<'s, BrickLoader<'s>>,
     plan: &'s MemoryPlan,
     threads: usize,
 }
@@ -200,7 +206,7 @@ const MOST_RAYS: u64 = 60_000_000;
 const MOST_RAYS_PER_PIXEL: u64 = 256;
 const FEWEST_RAYS_PER_PIXEL: u64 = 16;
 
-impl Studio<'_> {
+impl<'s> Studio<'s> {
     /// By settings that ask nothing of the error.
     fn by_hand(
         &self,
@@ -302,8 +308,6 @@ impl Studio<'_> {
         }
         let view = View::new(&scene, &self.cache.header().domain)?;
         let pixels = PixelGrid::new(&view, Samples::Grid(1));
-        let transfer = self.transfer(0.0);
-        let pieces = self.pieces(&transfer);
         let cut = Cut::Footprint(FootprintCut::new(
             1.0,
             &scene,
@@ -311,7 +315,8 @@ impl Studio<'_> {
             self.cache.header().shape,
         )?);
         let method = Method::Once { cut, accounts: false };
-        let picture = self.picture(&pixels, (&transfer, pieces), method, None, None)?;
+        let exact = (self.exact, self.pieces(self.exact));
+        let picture = self.picture(&pixels, exact, method, None, None)?;
         picture.draw((self.threads, self.plan.readers), &|_| true, &mut [])?;
         let film = into_inner(picture.film);
         Ok(f64::from(film.largest_value()))
@@ -349,13 +354,11 @@ impl Studio<'_> {
         method: Method,
         allowed: Option<f64>,
         progress: Option<&'p (dyn Fn(u64, u64) + Sync)>,
-    ) -> Result<Picture<'p>> {
+    ) -> Result<Picture<'p, 's>> {
         let header = self.cache.header();
         let view = pixels.view();
         let longest = diagonal(&header.domain);
         let brightest = transfer.brightest().min(transfer.largest_emission() * longest);
-        let accounts = method.keeps_accounts().then_some(pieces);
-        let loader = BrickLoader { cache: self.cache, shading: self.shading, accounts };
         let tiles = usize::try_from(pixels.tiles()).unwrap_or(usize::MAX);
         Ok(Picture {
             cache: self.cache,
@@ -365,7 +368,7 @@ impl Studio<'_> {
             },
             scenery: Scenery { header, view, pixels, shading: self.shading, bounds: pieces },
             method,
-            pool: Pool::new(self.plan.slots, loader, self.counters),
+            pool: self.pool,
             film: Mutex::new(Film::new(view.width(), view.height())?),
             bounds: Mutex::new(vec![ErrorShares::default(); tiles]),
             progress,

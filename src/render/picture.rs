@@ -27,12 +27,12 @@ use crate::{Error, Result};
 const STEPS_AHEAD: usize = 4;
 
 /// A picture being drawn: what its threads share.
-pub(super) struct Picture<'r> {
+pub(super) struct Picture<'r, 's> {
     pub(super) cache: &'r Cache,
     pub(super) scenery: Scenery<'r>,
     pub(super) light: Light<'r>,
     pub(super) method: Method,
-    pub(super) pool: Pool<'r, BrickLoader<'r>>,
+    pub(super) pool: &'r Pool<'s, BrickLoader<'s>>,
     pub(super) film: Mutex<Film>,
     /// How far each tile may be off.
     pub(super) bounds: Mutex<Vec<ErrorShares>>,
@@ -59,7 +59,7 @@ impl Method {
     }
 }
 
-impl Picture<'_> {
+impl Picture<'_, '_> {
     /// Draws all tiles of which `wanted` says so on `threads` threads, with `readers` more that
     /// read ahead. Adds the samples taken at each level of the tree to `samples`.
     ///
@@ -100,7 +100,7 @@ impl Picture<'_> {
     ) -> Result<Vec<ScopedJoinHandle<'s, Result<Vec<u64>>>>> {
         for _ in 0..readers {
             let (mut scratch, requests) = (BrickScratch::new(self.cache)?, requests.clone());
-            self.start(scope, move || run_reader(&self.pool, &requests, &mut scratch))?;
+            self.start(scope, move || run_reader(self.pool, &requests, &mut scratch))?;
         }
         let start = |_| {
             let worker = Worker::new(self, ahead.clone(), BrickScratch::new(self.cache)?);
@@ -129,8 +129,8 @@ fn finish<T>(thread: ScopedJoinHandle<'_, T>) -> T {
 }
 
 /// A thread that draws tiles.
-struct Worker<'p, 'r> {
-    picture: &'p Picture<'r>,
+struct Worker<'p, 'r, 's> {
+    picture: &'p Picture<'r, 's>,
     ahead: ReadAhead<BrickRequest>,
     scratch: BrickScratch,
     tile: Tile,
@@ -139,9 +139,9 @@ struct Worker<'p, 'r> {
     samples: Vec<u64>,
 }
 
-impl<'p, 'r> Worker<'p, 'r> {
+impl<'p, 'r, 's> Worker<'p, 'r, 's> {
     fn new(
-        picture: &'p Picture<'r>,
+        picture: &'p Picture<'r, 's>,
         ahead: ReadAhead<BrickRequest>,
         scratch: BrickScratch,
     ) -> Self {
@@ -229,7 +229,7 @@ impl<'p, 'r> Worker<'p, 'r> {
             let tile = &self.tile;
             let Some(step) = walk.next(|rays| tile.needs(rays))? else { return Ok(()) };
             if !self.pins.holds(&step.request) {
-                self.ahead.request(&self.picture.pool, step.request);
+                self.ahead.request(self.picture.pool, step.request);
             }
             self.queue.push_back(step);
         }

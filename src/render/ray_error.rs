@@ -121,6 +121,16 @@ pub(super) struct RayError {
     pub(super) uneven: Sums,
     /// ∫ T̃·|Δj| ds by simpler formulas than the transfer function's.
     pub(super) quadrature: f64,
+    /// Changes of extinction times those of light from behind them, as [`Products`] has them.
+    pub(super) products: Products,
+}
+
+/// Sums over pairs of places, the first in front of the second: ∫ |Δκ| up to there, times what is
+/// added by the second, which may be on average over the square half of what it is at most.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Products {
+    emission: f64,
+    dimmed: f64,
 }
 
 /// How far a picture may be off, by cause; in its own unit.
@@ -169,6 +179,20 @@ const INTEGRATION: f64 = 1e-9;
 const STORED: f64 = 6e-8;
 
 impl RayError {
+    /// All that may differ between the ray and any other of its square.
+    fn all(&self) -> Sums {
+        self.levels.plus(self.storage).plus(self.farthest)
+    }
+
+    /// Adds the products of what was added since the account was as `before`: places since then
+    /// may lie in any order.
+    pub(super) fn multiply(&mut self, before: &Self) {
+        let mean = |error: &Self| error.levels.plus(error.storage).plus(error.farthest.times(0.5));
+        let (in_front, old, new) = (self.all().extinction, mean(before), mean(self));
+        self.products.emission += in_front * (new.emission - old.emission);
+        self.products.dimmed += in_front * (new.dimmed - old.dimmed);
+    }
+
     /// Bounds by cause, for a ray that has gathered `light` (its largest channel) and absorbs
     /// `opacity` of what lies behind; `brightest` bounds light from behind any place, `rest` light from
     /// behind where the ray ended early.
@@ -189,7 +213,9 @@ impl RayError {
         let bound = |sums: Sums| sums.bound(light_above, brightest).min(most);
         // Offsets within a square are on average half the largest.
         let mean = bound(self.farthest.times(0.5));
-        let twice = beside.plus(self.farthest).extinction * (bound(beside) + mean);
+        let Products { emission, dimmed } = self.products;
+        let twice = (self.all().extinction * (bound(beside) + mean))
+            .min((emission + product(dimmed, brightest)).max(dimmed));
         ErrorShares {
             levels: bound(self.levels),
             quadrature: self.quadrature,

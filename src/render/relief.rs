@@ -167,11 +167,12 @@ impl Looker<'_> {
         let Distance { residual, tree, storage, .. } = *self.distance;
         group.storage = storage.between(group.low, group.high);
         if residual > 0.0 && self.has_children(first) {
-            group.levels = if self.brick.is_piecewise_constant() || residual.is_nan() || residual >= FAR {
-                self.far_change(&group, residual, tree)
-            } else {
-                self.change(&group, residual)
-            };
+            group.levels =
+                if self.brick.is_piecewise_constant() || residual.is_nan() || residual >= FAR {
+                    self.far_change(&group, residual, tree)
+                } else {
+                    self.change(&group, residual)
+                };
         }
         group
     }
