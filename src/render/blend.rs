@@ -42,7 +42,7 @@ pub(super) fn march_mixed(
         cuts[a + 1] = if sigma.is_finite() { sigma.clamp(step.from, step.to) } else { step.from };
     }
     cuts[4] = step.to;
-    cuts.sort_by(f64::total_cmp);
+    cuts.sort_unstable_by(f64::total_cmp);
     let at = |sigma: f64| -> [f64; 3] { std::array::from_fn(|a| origin[a] + direction[a] * sigma) };
     for ends in cuts.windows(2).filter(|ends| ends[0] < ends[1]) {
         let middle = at(0.5 * (ends[0] + ends[1]));
@@ -70,23 +70,30 @@ fn march_half_cell(
     let at = |s: f64| -> [f64; 3] {
         std::array::from_fn(|a| line[0][a] + s * (line[1][a] - line[0][a]))
     };
-    let cuts = kinks(brick, drawn, cell, line);
-    for ends in cuts.windows(2).filter(|ends| ends[0] < ends[1]) {
+    let (cuts, count) = kinks(brick, drawn, cell, line);
+    for ends in cuts[..count].windows(2).filter(|ends| ends[0] < ends[1]) {
         let x = blended(brick, drawn, cell, [at(ends[0]), at(ends[1])]);
-        integrator.along(&x, (ends[1] - ends[0]) * length);
+        let length = (ends[1] - ends[0]) * length;
+        // As it is where two levels meet.
+        match x.0 {
+            [c0, c1, c2, c3, c4, 0.0, 0.0, 0.0] => {
+                integrator.along(&Polynomial([c0, c1, c2, c3, c4]), length);
+            }
+            _ => integrator.along(&x, length),
+        }
     }
 }
 
 /// Most kinks looked at: three for each of eight levels.
 const KINKS: usize = 24;
 
-/// 0, the s in order where some level's weight may bend, and 1 (repeated).
+/// 0, the s in order where some level's weight may bend, and 1; and how many these are.
 fn kinks(
     brick: &ScaledBrick,
     drawn: DrawnNeighbours,
     cell: [usize; 3],
     line: [[f64; 3]; 2],
-) -> [f64; KINKS + 2] {
+) -> ([f64; KINKS + 2], usize) {
     let mut cuts = [1.0; KINKS + 2];
     cuts[0] = 0.0;
     let mut count = 1;
@@ -109,8 +116,8 @@ fn kinks(
             }
         }
     }
-    cuts.sort_by(f64::total_cmp);
-    cuts
+    cuts[1..count].sort_unstable_by(f64::total_cmp);
+    (cuts, count + 1)
 }
 
 /// The interpolant from `line[0]` to `line[1]`, a stretch in which no weight bends.
@@ -147,12 +154,13 @@ fn added(sum: &Polynomial<DEGREES>, term: &Polynomial<DEGREES>, sign: f64) -> Po
 
 fn product<const M: usize>(left: &Polynomial<DEGREES>, right: &[f64; M]) -> Polynomial<DEGREES> {
     let mut all = [0.0; DEGREES + 3];
-    for (i, a) in left.0.iter().enumerate() {
+    let degrees = left.0.iter().rposition(|c| *c != 0.0).map_or(0, |degree| degree + 1);
+    for (i, a) in left.0[..degrees].iter().enumerate() {
         for (j, b) in right.iter().enumerate() {
             all[i + j] += a * b;
         }
     }
-    for power in (DEGREES..all.len()).rev() {
+    for power in (DEGREES..degrees + M - 1).rev() {
         let excess = all[power];
         for (k, share) in EIGHTH_POWER.iter().enumerate() {
             all[power - DEGREES + k] += excess * share;
