@@ -2,8 +2,11 @@
 //!
 //! A source knows grids and fields; it does not know bricks.
 
+mod amrex;
 mod enzo;
 pub mod hdf5;
+mod lines;
+mod raw;
 
 use std::path::Path;
 
@@ -124,7 +127,7 @@ struct Format {
 }
 
 /// Every format that can be read, in the order they are tried.
-const FORMATS: &[Format] = &[enzo::FORMAT];
+const FORMATS: &[Format] = &[enzo::FORMAT, amrex::FORMAT];
 
 /// Opens a simulation output, telling its format by content unless `format` names it.
 ///
