@@ -5,6 +5,8 @@
 
 #[path = "support/hexadecimal.rs"]
 mod hexadecimal;
+#[path = "support/walk.rs"]
+mod walk;
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -12,6 +14,7 @@ use std::path::{Path, PathBuf};
 use deepfield::source::{self, GridBlock, GridRecord, Source};
 use deepfield::space::Decimal;
 use serde_json::Value;
+use walk::grids;
 
 fn dump(set: &str) -> Option<(PathBuf, Value)> {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")).join(set);
@@ -21,17 +24,6 @@ fn dump(set: &str) -> Option<(PathBuf, Value)> {
     };
     let facts: Value = serde_json::from_str(&facts).unwrap();
     Some((folder.join(facts["dump"].as_str().unwrap()), facts))
-}
-
-fn grids(source: &dyn Source) -> Vec<GridRecord> {
-    let mut grids = Vec::new();
-    source
-        .for_each_grid(&mut |grid| {
-            grids.push(grid);
-            Ok(())
-        })
-        .unwrap();
-    grids
 }
 
 fn per_level(facts: &Value) -> BTreeMap<u32, u64> {
@@ -72,33 +64,20 @@ fn check_samples(source: &dyn Source, facts: &Value) {
                 .unwrap()
         });
         let position = hierarchy.domain.position(&point).unwrap();
-        let (grid, cell) = grids
-            .iter()
-            .find_map(|grid| {
-                let octree = hierarchy.levels.octree(grid.level as usize)?;
-                let cell = hierarchy.domain.cell_of(i32::try_from(octree).unwrap(), &position);
-                let cells = grid.cells();
-                let inside = (0..3).all(|a| (cells.lo[a]..cells.hi[a]).contains(&cell[a]));
-                inside.then(|| (grid, [0, 1, 2].map(|a| (cell[a] - grid.lo[a]) as u64)))
-            })
-            .unwrap();
+        let (grid, cell) = walk::leaf(source, &grids, &position).unwrap();
         let stated = [0, 1, 2].map(|a| sample["ijk"][a].as_u64().unwrap());
         assert_eq!(Some(u64::from(grid.level)), sample["level"].as_u64(), "{sample}");
         assert_eq!(Some(grid.id), sample["grid_id"].as_u64(), "{sample}");
-        assert_eq!(cell, stated, "{sample}");
+        assert_eq!(cell.map(u64::from), stated, "{sample}");
         let values = data.entry(grid.id).or_insert_with(|| read_whole(source, grid));
-        let [nx, ny, _] = grid.size.map(u64::from);
-        let value = values[usize::try_from(cell[0] + nx * (cell[1] + ny * cell[2])).unwrap()];
+        let value = values[walk::offset(grid, cell)];
         let stated: f64 = sample["density"].as_str().unwrap().parse().unwrap();
         assert_eq!(value.to_bits(), stated.to_bits(), "{sample}");
     }
 }
 
 fn read_whole(source: &dyn Source, grid: &GridRecord) -> Vec<f64> {
-    let block = GridBlock { lo: [0; 3], size: grid.size };
-    let mut values = vec![0.0; block.len()];
-    source.read(grid, source.hierarchy().density.unwrap(), block, &mut values).unwrap();
-    values
+    walk::values(source, grid, source.hierarchy().density.unwrap())
 }
 
 fn check_set(set: &str) {

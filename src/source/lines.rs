@@ -104,3 +104,18 @@ impl Lines {
 pub(super) fn shown(text: &str) -> String {
     text.chars().filter(|c| !c.is_control()).take(60).collect()
 }
+
+/// Largest difference between `value`, printed as `text` by a code that prints `digits`, and the
+/// number that the code held: half a unit of the last digit. Trailing zeros may not be printed,
+/// so fewer digits don't mean a larger error; more do mean a smaller one.
+pub(super) fn printing_error(text: &str, value: f64, digits: i32) -> f64 {
+    if value == 0.0 {
+        return 0.0;
+    }
+    let mantissa = text.split(['e', 'E']).next().unwrap_or("");
+    let printed = mantissa.trim_start_matches(['-', '+', '0', '.']).bytes();
+    let printed = printed.filter(u8::is_ascii_digit).count();
+    let digits = i32::try_from(printed).unwrap_or(i32::MAX).clamp(digits, 300);
+    let leading = value.abs().log10().floor();
+    0.5 * 10f64.powf(leading - f64::from(digits - 1))
+}

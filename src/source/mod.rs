@@ -3,6 +3,7 @@
 //! A source knows grids and fields; it does not know bricks.
 
 mod amrex;
+mod athena;
 mod enzo;
 pub mod hdf5;
 mod lines;
@@ -127,7 +128,7 @@ struct Format {
 }
 
 /// Every format that can be read, in the order they are tried.
-const FORMATS: &[Format] = &[enzo::FORMAT, amrex::FORMAT];
+const FORMATS: &[Format] = &[enzo::FORMAT, amrex::FORMAT, athena::FORMAT];
 
 /// Opens a simulation output, telling its format by content unless `format` names it.
 ///

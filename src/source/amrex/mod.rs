@@ -4,6 +4,10 @@
 mod fab;
 mod header;
 mod level;
+#[cfg(test)]
+mod made;
+#[cfg(test)]
+mod tests;
 mod text;
 
 use std::path::{Path, PathBuf};
