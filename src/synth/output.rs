@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::{Error, Result};
 
-/// First line of the parameter files that `synth` writes; folders without it are not replaced.
+/// First line of the parameter files that `synth` writes; folders without one are not replaced.
 pub(super) const MARK: &str = "# Synthetic data set written by deepfield synth";
 
 /// A folder under a temporary name beside its final one, removed unless it is finished.
@@ -16,13 +16,14 @@ pub(super) struct OutputFolder {
 }
 
 impl OutputFolder {
-    /// Starts folder `name` in `directory`, which is made if need be.
+    /// Starts folder `name` in `directory`, which is made if need be. Of its files `marked` will
+    /// begin with [`MARK`].
     ///
     /// # Errors
     /// A folder of that name which holds anything else than an earlier synthetic data set.
-    pub(super) fn create(directory: &Path, name: &str) -> Result<Self> {
+    pub(super) fn create(directory: &Path, name: &str, marked: &str) -> Result<Self> {
         let target = directory.join(name);
-        refuse_foreign(&target, name)?;
+        refuse_foreign(&target, marked)?;
         fs::create_dir_all(directory)
             .map_err(|e| Error::io(directory, "cannot make this folder", e))?;
         let partial = directory.join(format!(".{name}.partial"));
@@ -35,6 +36,27 @@ impl OutputFolder {
     /// A file of the folder, where it is written.
     pub(super) fn file(&self, name: &str) -> PathBuf {
         self.partial.join(name)
+    }
+
+    /// Makes a folder within, where it is written.
+    ///
+    /// # Errors
+    /// What the operating system refuses.
+    pub(super) fn make(&self, name: &str) -> Result<PathBuf> {
+        let folder = self.partial.join(name);
+        fs::create_dir_all(&folder)
+            .map_err(|e| Error::io(&folder, "cannot make this folder", e))?;
+        Ok(folder)
+    }
+
+    /// Writes a whole file of the folder; its size.
+    ///
+    /// # Errors
+    /// What the operating system refuses.
+    pub(super) fn write(&self, name: &str, text: &str) -> Result<u64> {
+        let path = self.file(name);
+        fs::write(&path, text).map_err(|e| Error::io(&path, "cannot write", e))?;
+        Ok(text.len() as u64)
     }
 
     /// Gives the folder its final name, in place of an earlier synthetic data set.
@@ -78,13 +100,13 @@ fn remove_folder(path: &Path) -> Result<()> {
 }
 
 /// Refuses a target that is not empty and not an earlier synthetic data set.
-fn refuse_foreign(target: &Path, name: &str) -> Result<()> {
+fn refuse_foreign(target: &Path, marked: &str) -> Result<()> {
     let empty = match fs::read_dir(target) {
         Ok(mut entries) => entries.next().is_none(),
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => true,
         Err(e) => return Err(Error::io(target, "cannot list this folder", e)),
     };
-    let parameters = fs::read(target.join(name)).unwrap_or_default();
+    let parameters = fs::read(target.join(marked)).unwrap_or_default();
     if empty || parameters.starts_with(MARK.as_bytes()) {
         return Ok(());
     }

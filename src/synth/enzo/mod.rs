@@ -5,9 +5,10 @@ mod hierarchy;
 mod hierarchy_hdf5;
 mod parameters;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::grids::{Grid, Grids, Step};
+use super::layout::{Layout, Summary};
 use super::output::OutputFolder;
 use super::recipe::{DEFAULT_HDF5_HIERARCHY_GRIDS, MAX_HDF5_HIERARCHY_GRIDS, Recipe};
 use crate::{Error, Result};
@@ -19,21 +20,6 @@ const GHOST_ZONES: u64 = 3;
 /// Code time of all grids.
 const TIME: f64 = 0.25;
 
-/// What was written.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Summary {
-    /// The parameter file, which is what readers open.
-    pub parameter_file: PathBuf,
-    /// Levels, the root grid's included.
-    pub levels: u32,
-    /// Grids of all levels.
-    pub grids: u64,
-    /// Cells of all grids, those under finer grids included.
-    pub cells: u64,
-    /// Size of all files together.
-    pub bytes: u64,
-}
-
 /// What a first walk over the grids counts.
 #[derive(Debug, Clone, Copy, Default)]
 struct Totals {
@@ -42,23 +28,14 @@ struct Totals {
     cells: u64,
 }
 
-/// Writes the data set of `recipe` as a folder of its name in `directory`. `progress` hears of
-/// the cells written and their total number.
-///
-/// An earlier synthetic data set of that name is replaced; on failure nothing is left behind.
-///
-/// # Errors
-/// Cells too small for Enzo's double-precision edges, a folder that holds something else, and
-/// whatever the operating system refuses.
-pub fn write(
-    recipe: &Recipe,
-    directory: &Path,
-    progress: &mut dyn FnMut(u64, u64),
-) -> Result<Summary> {
+/// How the layout is listed among the others.
+pub(super) const LAYOUT: Layout = Layout { name: "enzo", write };
+
+fn write(recipe: &Recipe, directory: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<Summary> {
     let grids = Grids::new(recipe)?;
     let totals = count(&grids)?;
     let with_hdf5 = wants_hdf5_hierarchy(recipe, &grids, totals)?;
-    let folder = OutputFolder::create(directory, &recipe.name)?;
+    let folder = OutputFolder::create(directory, &recipe.name, &recipe.name)?;
     let mut bytes = parameters::write(recipe, &folder, totals)?;
     let mut text = HierarchyText::create(recipe, &folder)?;
     let mut data = DataFiles::new(recipe, &grids, &folder);

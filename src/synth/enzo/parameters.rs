@@ -1,22 +1,18 @@
 //! The parameter file.
 
 use std::fmt::Write;
-use std::fs;
 
 use super::{TIME, Totals, field_types};
+use crate::Result;
 use crate::synth::output::{MARK, OutputFolder};
 use crate::synth::recipe::Recipe;
-use crate::{Error, Result};
 
 /// Writes the parameter file; its size.
 pub(super) fn write(recipe: &Recipe, folder: &OutputFolder, totals: Totals) -> Result<u64> {
-    let path = folder.file(&recipe.name);
-    let text = text(recipe, totals);
-    fs::write(&path, &text).map_err(|e| Error::io(&path, "cannot write", e))?;
-    Ok(text.len() as u64)
+    folder.write(&recipe.name, &text(recipe, recipe.one_factor()?, totals))
 }
 
-fn text(recipe: &Recipe, totals: Totals) -> String {
+fn text(recipe: &Recipe, factor: u32, totals: Totals) -> String {
     let domain = &recipe.domain;
     let mut text = format!("{MARK}\n");
     // Writing to a string cannot fail.
@@ -28,7 +24,7 @@ fn text(recipe: &Recipe, totals: Totals) -> String {
     line("TopGridRank", &3);
     line("TopGridDimensions", &three(&domain.root));
     line("NumberOfParticles", &format!("{} (do not modify)", all_particles(recipe, totals)));
-    line("RefineBy", &recipe.refinement.factor);
+    line("RefineBy", &factor);
     line("MaximumRefinementLevel", &(totals.levels - 1));
     line("Gamma", &"1.6667");
     line("HydroMethod", &0);
