@@ -40,8 +40,13 @@ struct Dump {
 
 impl Dump {
     fn new() -> Self {
+        Self::of("enzo")
+    }
+
+    /// A dump in the layout of a simulation code.
+    fn of(format: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let recipe = Recipe::parse(RECIPE, "recipe").unwrap();
+        let recipe = Recipe::parse(RECIPE, "recipe").unwrap().with_format(format).unwrap();
         let written = synth::write(&recipe, &folder.path().join("run"), &mut |_, _| {}).unwrap();
         std::fs::create_dir(folder.path().join("out")).unwrap();
         Self { folder, parameters: written.parameter_file }
@@ -51,11 +56,16 @@ impl Dump {
         self.parameters.with_extension(extension)
     }
 
-    /// Files of the dump that readers open.
+    /// Files of the dump.
     fn files(&self) -> Vec<PathBuf> {
-        let entries = std::fs::read_dir(self.parameters.parent().unwrap()).unwrap();
-        let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
-        files.retain(|path| path.is_file());
+        let mut folders = vec![self.folder.path().join("run")];
+        let mut files = Vec::new();
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() { &mut folders } else { &mut files }.push(path);
+            }
+        }
         files.sort();
         files
     }
@@ -203,9 +213,23 @@ fn values_that_are_no_numbers_are_counted_or_refused() {
     assert_eq!(Cache::open(&target, 16).unwrap().header().fields[0].nan_cells, 1);
 }
 
-fn attack_outputs(rounds: u64) {
+/// Damages a digit or more among the first of `bytes`, where headers stand, or any bytes.
+fn damage(noise: &mut Noise, bytes: &[u8]) -> Vec<u8> {
+    let head = &bytes[..bytes.len().min(4096)];
+    let digits: Vec<usize> = (0..head.len()).filter(|&at| head[at].is_ascii_digit()).collect();
+    if digits.is_empty() || noise.below(2) == 0 {
+        return noise.damage(bytes);
+    }
+    let mut damaged = bytes.to_vec();
+    for _ in 0..=noise.below(3) {
+        damaged[*noise.pick(&digits)] = *noise.pick(b"0123456789-.e (),\n\0");
+    }
+    damaged
+}
+
+fn attack_outputs(format: &str, rounds: u64) {
     let _alone = ALONE.lock().unwrap();
-    let dump = Dump::new();
+    let dump = Dump::of(format);
     let files: Vec<(PathBuf, Vec<u8>)> =
         dump.files().into_iter().map(|path| (path.clone(), std::fs::read(path).unwrap())).collect();
     let tables = dump.file("hierarchy.hdf5");
@@ -213,7 +237,7 @@ fn attack_outputs(rounds: u64) {
     for round in 0..rounds {
         let mut noise = Noise::new(round);
         let (path, bytes) = &files[noise.below(files.len())];
-        std::fs::write(path, noise.damage(bytes)).unwrap();
+        std::fs::write(path, damage(&mut noise, bytes)).unwrap();
         if path != &tables && noise.below(2) == 0 {
             // Then the text is what is read.
             let _ = std::fs::remove_file(&tables);
@@ -225,23 +249,45 @@ fn attack_outputs(rounds: u64) {
                 refused += 1;
             }
         }
-        for (path, bytes) in files.iter().filter(|(other, _)| other == path || other == &tables) {
+        for (path, bytes) in files.iter().filter(|(other, _)| other == path || *other == tables) {
             std::fs::write(path, bytes).unwrap();
         }
     }
-    println!("{read} read, {refused} refused");
+    println!("{format}: {read} read, {refused} refused");
     assert!(refused > rounds / 5 && read > rounds / 50, "{read} read, {refused} refused");
 }
 
 #[test]
-fn damaged_outputs_are_read_or_refused() {
-    attack_outputs(150);
+fn damaged_outputs_of_enzo_are_read_or_refused() {
+    attack_outputs("enzo", 150);
+}
+
+#[test]
+fn damaged_outputs_of_amrex_are_read_or_refused() {
+    attack_outputs("amrex", 150);
+}
+
+#[test]
+fn damaged_outputs_of_athena_are_read_or_refused() {
+    attack_outputs("athena", 150);
 }
 
 #[test]
 #[ignore = "takes minutes"]
-fn thousands_of_damaged_outputs_are_read_or_refused() {
-    attack_outputs(4000);
+fn thousands_of_damaged_outputs_of_enzo_are_read_or_refused() {
+    attack_outputs("enzo", 10_000);
+}
+
+#[test]
+#[ignore = "takes minutes"]
+fn thousands_of_damaged_outputs_of_amrex_are_read_or_refused() {
+    attack_outputs("amrex", 10_000);
+}
+
+#[test]
+#[ignore = "takes minutes"]
+fn thousands_of_damaged_outputs_of_athena_are_read_or_refused() {
+    attack_outputs("athena", 10_000);
 }
 
 /// Parses damaged copies of `text`.

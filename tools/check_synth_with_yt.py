@@ -6,18 +6,22 @@
     deepfield ingest out/DD0000/DD0000 -o small.dfc
     tools/check_synth_with_yt.py out/DD0000/DD0000 --write-points points.csv
     deepfield probe small.dfc --field Density --points points.csv > probe.csv
-    tools/check_synth_with_yt.py out/DD0000/DD0000 probe.csv
+    deepfield info out/DD0000/DD0000 --json > info.json
+    tools/check_synth_with_yt.py out/DD0000/DD0000 probe.csv --info info.json
 
-Checked: the levels, grids of each level and leaf cells that yt counts, against the text
-hierarchy and the integers in it; and the level and value in the leaf cell at each point of
+Any layout that `deepfield synth` writes and yt reads will do. Checked: the levels, grids of each
+level and leaf cells that yt counts, against what `deepfield info` says and, for Enzo, against the
+text hierarchy and the integers in it; and the level and value in the leaf cell at each point of
 PROBE_CSV (columns x, y, z, level, value), found in yt's own grids. Values are compared as 32-bit
-floats. yt cannot load sets deeper than level 47.
+floats. yt cannot load Enzo sets deeper than level 47.
 """
 
 import argparse
 import collections
 import csv
 import decimal
+import json
+import os
 import random
 import sys
 
@@ -69,6 +73,30 @@ def check_hierarchy(dataset, text_grids):
     return failures
 
 
+def check_info(dataset, path):
+    """Compares the grids and cells of each level, and all leaf cells, with `deepfield info`."""
+    with open(path, encoding="utf-8") as text:
+        info = json.load(text)
+    grids, cells, leaves = collections.Counter(), collections.Counter(), collections.Counter()
+    for grid in dataset.index.grids:
+        grids[grid.Level] += 1
+        cells[grid.Level] += int(np.prod(grid.ActiveDimensions))
+        leaves[grid.Level] += int(grid.child_mask.sum())
+    failures = []
+    for level in info["levels"]:
+        number = level.get("level")
+        if number is None:
+            continue
+        said = (level["grids"], level["cells"], level["leaf_cells"])
+        seen = (grids.pop(number, 0), cells[number], leaves[number])
+        if said != seen:
+            failures.append(f"level {number}: grids, cells, leaf cells {said}, but {seen} in yt")
+    if grids:
+        failures.append(f"levels {sorted(grids)} are in yt alone")
+    print(f"{info['format']}: {len(info['levels'])} levels compared")
+    return failures
+
+
 def leaf_at(dataset, point):
     """Level and index of the leaf cell of yt's grids at a point, and the grid."""
     index = dataset.index
@@ -81,9 +109,18 @@ def leaf_at(dataset, point):
     return grid, tuple(np.clip(cell, 0, grid.ActiveDimensions - 1))
 
 
-def check_points(dataset, field, path):
+def stored_field(dataset, name):
+    """yt's name of the stored field `name`, whatever the case."""
+    for field in dataset.field_list:
+        if field[1].lower() == name.lower():
+            return field
+    raise SystemExit(f"yt knows no field {name}: {dataset.field_list}")
+
+
+def check_points(dataset, name, path):
     """Compares the rows of a probe with yt."""
     failures, checked = [], 0
+    field = stored_field(dataset, name)
     with open(path, newline="", encoding="ascii") as rows:
         for row in csv.DictReader(rows):
             point = np.array([float(decimal.Decimal(row[axis])) for axis in "xyz"])
@@ -94,7 +131,7 @@ def check_points(dataset, field, path):
                     failures.append(f"{row}: yt has no cell there")
                 continue
             grid, cell = found
-            expected = np.float32(grid["enzo", field][cell])
+            expected = np.float32(grid[field][cell])
             if level != grid.Level or not np.isclose(value, expected, rtol=2e-7, atol=0):
                 failures.append(f"{row}: yt has level {grid.Level}, value {expected}")
             checked += 1
@@ -123,9 +160,10 @@ def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("dump", help="parameter file of the data set (DIR/DD0000/DD0000)")
+    parser.add_argument("dump", help="what readers open, as `deepfield synth` prints it")
     parser.add_argument("probe_csv", nargs="?", help="output of `deepfield probe`")
     parser.add_argument("--field", default="Density")
+    parser.add_argument("--info", metavar="JSON", help="output of `deepfield info --json`")
     parser.add_argument("--write-points", metavar="CSV", help="write points to probe, and stop")
     parser.add_argument("--count", type=int, default=1000, help="how many points")
     arguments = parser.parse_args()
@@ -134,7 +172,11 @@ def main():
     if arguments.write_points:
         write_points(dataset, arguments.write_points, arguments.count)
         return 0
-    failures = check_hierarchy(dataset, grids_in_text(arguments.dump + ".hierarchy"))
+    failures, hierarchy = [], arguments.dump + ".hierarchy"
+    if os.path.exists(hierarchy):
+        failures += check_hierarchy(dataset, grids_in_text(hierarchy))
+    if arguments.info:
+        failures += check_info(dataset, arguments.info)
     if arguments.probe_csv:
         failures += check_points(dataset, arguments.field, arguments.probe_csv)
     for failure in failures[:20]:

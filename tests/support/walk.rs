@@ -1,5 +1,8 @@
 //! What a source's grids hold, looked up grid by grid.
 
+// Each test program uses only a part of it.
+#![allow(dead_code)]
+
 use deepfield::source::{GridBlock, GridRecord, Source};
 use deepfield::space::Position;
 

@@ -17,6 +17,8 @@ const WITH_FAB_HEADERS: i64 = 1;
 const VERSIONS: std::ops::RangeInclusive<i64> = 1..=4;
 /// What is read of the file's end for the description of numbers.
 const TAIL: u64 = 4096;
+/// Bytes of the smallest number that a FAB can hold.
+const SMALLEST_NUMBER: u64 = 4;
 /// Most bytes of a line that says where a FAB is.
 const LONGEST_PLACE: usize = 1024;
 
@@ -24,7 +26,7 @@ const LONGEST_PLACE: usize = 1024;
 #[derive(Debug)]
 pub(super) struct LevelData {
     /// `Cell_H`.
-    pub(super) path: PathBuf,
+    path: PathBuf,
     components: u64,
     /// Ghost cells around every grid along each axis, in versions without FAB headers.
     ghosts: [i64; 3],
@@ -88,7 +90,7 @@ impl LevelData {
     /// its data. Boxes and places are read side by side, so neither list is kept.
     ///
     /// # Errors
-    /// Malformed lists; and what `visit` returns.
+    /// Malformed lists, boxes of more cells than their files can hold; and what `visit` returns.
     pub(super) fn for_each_grid(
         &self,
         visit: &mut dyn FnMut(u64, PrintedBox, u64) -> Result<()>,
@@ -102,11 +104,59 @@ impl LevelData {
             text.parse().ok().filter(|&count: &u64| count == self.grids)
         })?;
         let mut boxes = Lines::open_at(&self.path, self.boxes)?;
+        let mut file = (String::new(), 0);
         for grid in 0..self.grids {
             let cells = boxes.parse("a grid's box", PrintedBox::parse)?;
             let place = places.offset();
-            places.parse("a FabOnDisk", |text| fab_on_disk(text).map(|_| ()))?;
+            let (name, offset) = places.parse("a FabOnDisk", |text| {
+                fab_on_disk(text).map(|(name, offset)| (name.to_owned(), offset))
+            })?;
+            if name != file.0 {
+                file = (name.clone(), self.length(&name)?);
+            }
+            self.check_fits(&cells, offset, &file)
+                .map_err(|reason| Error::invalid(self.place(grid), reason))?;
             visit(grid, cells, place)?;
+        }
+        Ok(())
+    }
+
+    /// Where grid `grid` is listed, for messages.
+    pub(super) fn place(&self, grid: u64) -> String {
+        format!("{}: grid {grid}", self.path.display())
+    }
+
+    /// Size of the data file `name`, bytes.
+    fn length(&self, name: &str) -> Result<u64> {
+        let path = self.data_file(name)?;
+        let metadata = std::fs::metadata(&path);
+        Ok(metadata.map_err(|e| Error::io(&path, "cannot open", e))?.len())
+    }
+
+    fn data_file(&self, name: &str) -> Result<PathBuf> {
+        if stays_inside(name) {
+            return Ok(self.path.with_file_name(name));
+        }
+        let reason = format!("`{}` is no file of the plotfile", shown(name));
+        Err(Error::invalid(self.path.display(), reason))
+    }
+
+    /// Whether `cells` can be in the file of that name and length after byte `offset`: what is not there need not be
+    /// sorted into a tree first.
+    fn check_fits(
+        &self,
+        cells: &PrintedBox,
+        offset: u64,
+        (name, length): &(String, u64),
+    ) -> Result<(), String> {
+        let cells: u128 = cells.size()?.iter().map(|&n| u128::from(n)).product();
+        let number = self.number.map_or(SMALLEST_NUMBER, Number::bytes);
+        let bytes = cells * u128::from(self.components) * u128::from(number);
+        if u128::from(length.saturating_sub(offset)) < bytes {
+            return Err(format!(
+                "its values in {name} take {bytes} bytes or more from byte {offset}, but that ends at \
+                 byte {length}: is it truncated?"
+            ));
         }
         Ok(())
     }
@@ -120,10 +170,7 @@ impl LevelData {
         let fault = |reason: String| Error::invalid(self.path.display(), reason);
         let (name, offset) = fab_on_disk(&line)
             .ok_or_else(|| fault(format!("`{}` is no FabOnDisk", shown(&line))))?;
-        if !stays_inside(name) {
-            return Err(fault(format!("`{}` is no file of the plotfile", shown(name))));
-        }
-        let path = self.path.with_file_name(name);
+        let path = self.data_file(name)?;
         let file = File::open(&path).map_err(|e| Error::io(&path, "cannot open", e))?;
         let header = match self.number {
             None => FabHeader::read((&file, &path), offset)?,

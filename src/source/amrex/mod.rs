@@ -92,9 +92,7 @@ impl Level {
         (number, printed): (u64, PrintedBox),
         locator: u64,
     ) -> Result<GridRecord> {
-        let fault = |reason: String| {
-            Error::invalid(format!("{}: grid {number}", self.data.path.display()), reason)
-        };
+        let fault = |reason: String| Error::invalid(self.data.place(number), reason);
         let size = printed.size().map_err(fault)?;
         if !self.extent.contains(&printed.cells) {
             return Err(fault(format!(

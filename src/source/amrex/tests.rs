@@ -129,7 +129,7 @@ fn levels_that_do_not_fit_are_named() {
         ("1\n1\n2\n1\n(2", "1\n1\n2\n1\n(3", "has 3 grids, but Header names 2"),
         ("(9,-3,7) (0,0,0)", "(9,-3,7) (1,0,0)", "grid 0: its data stand on cell faces"),
         ("(9,-3,7) (0,0,0)", "(5,-3,7) (0,0,0)", "make no box"),
-        ("(9,-3,7) (0,0,0)", "(99,-3,7) (0,0,0)", "lie outside the domain"),
+        ("(9,-3,7) (0,0,0)", "(12,-3,7) (0,0,0)", "lie outside the domain"),
         ("(9,-3,7) (0,0,0)", "(8,-3,7) (0,0,0)", ""),
         (")\n2\nFab", ")\n1\nFab", "where the number of FABs"),
         (")\n2\nFab", "\n2\nFab", "where the end of the boxes"),
@@ -165,7 +165,7 @@ fn data_that_do_not_fit_are_named() {
         let bytes = std::fs::read(&data).unwrap();
         std::fs::write(&data, &bytes[..bytes.len() - 1]).unwrap();
         let error = read(&path, 1).unwrap_err().to_string();
-        assert!(error.contains("Level_2/Cell_D_00000") && error.contains("truncated"), "{error}");
-        read(&path, 0).unwrap();
+        assert!(error.contains("Level_2/Cell_"), "{error}");
+        assert!(error.contains("Cell_D_00000") && error.contains("truncated"), "{error}");
     }
 }

@@ -12,6 +12,8 @@ use crate::{Error, Result};
 
 /// Digits that Athena prints of a coordinate (`%e`).
 const PRINTED_DIGITS: i32 = 7;
+/// Bytes of the smallest number that a file can hold.
+const SMALLEST_NUMBER: u64 = 4;
 /// Most bytes of the lines before a variable's values.
 const LONGEST_TITLE: usize = 512;
 /// Most variables of a file.
@@ -130,6 +132,11 @@ impl Header {
         let missing = |key: &str| lines.fault(&format!("has no {key} of three numbers"));
         let points = points.ok_or_else(|| missing("DIMENSIONS"))?;
         let cells = cells(points, count).map_err(|reason| lines.fault(&reason))?;
+        let length = std::fs::metadata(path).map_err(|e| Error::io(path, "cannot open", e))?.len();
+        if length / SMALLEST_NUMBER < count {
+            let reason = format!("{count} cells in a file of {length} bytes: is it truncated?");
+            return Err(lines.fault(&reason));
+        }
         Ok(Self {
             time: Some(time).filter(|time| time.is_finite()),
             level,

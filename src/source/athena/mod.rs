@@ -4,6 +4,8 @@
 mod files;
 mod header;
 mod lattice;
+#[cfg(test)]
+mod tests;
 
 use std::collections::BTreeMap;
 use std::fs::File;

@@ -32,11 +32,12 @@ struct Totals {
 pub(super) const LAYOUT: Layout = Layout { name: "enzo", write };
 
 fn write(recipe: &Recipe, directory: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<Summary> {
+    let factor = recipe.one_factor()?;
     let grids = Grids::new(recipe)?;
     let totals = count(&grids)?;
     let with_hdf5 = wants_hdf5_hierarchy(recipe, &grids, totals)?;
     let folder = OutputFolder::create(directory, &recipe.name, &recipe.name)?;
-    let mut bytes = parameters::write(recipe, &folder, totals)?;
+    let mut bytes = parameters::write(recipe, factor, &folder, totals)?;
     let mut text = HierarchyText::create(recipe, &folder)?;
     let mut data = DataFiles::new(recipe, &grids, &folder);
     let mut listed = Vec::new();

@@ -8,8 +8,13 @@ use crate::synth::output::{MARK, OutputFolder};
 use crate::synth::recipe::Recipe;
 
 /// Writes the parameter file; its size.
-pub(super) fn write(recipe: &Recipe, folder: &OutputFolder, totals: Totals) -> Result<u64> {
-    folder.write(&recipe.name, &text(recipe, recipe.one_factor()?, totals))
+pub(super) fn write(
+    recipe: &Recipe,
+    factor: u32,
+    folder: &OutputFolder,
+    totals: Totals,
+) -> Result<u64> {
+    folder.write(&recipe.name, &text(recipe, factor, totals))
 }
 
 fn text(recipe: &Recipe, factor: u32, totals: Totals) -> String {
