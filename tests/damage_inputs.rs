@@ -32,6 +32,9 @@ const RECIPE: &str = "name = \"DD0000\"\n[domain]\nleft = [0.0, -1.0, 0.5]\n\
     half_size = [4, 3, 4]\nsatellites = 1\n[[density]]\nkind = \"gradient\"\nvalue = 1.0\n\
     slope = [0.3, 0.2, 0.1]\n[output]\nprecision = \"f64\"\nfile_mib = 0.02\n";
 
+/// Layouts that the data set is written in.
+const FORMATS: [&str; 3] = ["enzo", "amrex", "athena"];
+
 /// A dump whose files are damaged one at a time.
 struct Dump {
     folder: tempfile::TempDir,
@@ -39,14 +42,10 @@ struct Dump {
 }
 
 impl Dump {
-    fn new() -> Self {
-        Self::of("enzo")
-    }
-
-    /// A dump in the layout of a simulation code.
-    fn of(format: &str) -> Self {
+    fn new(format: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let recipe = Recipe::parse(RECIPE, "recipe").unwrap().with_format(format).unwrap();
+        let recipe = format!("{RECIPE}format = \"{format}\"\n");
+        let recipe = Recipe::parse(&recipe, "recipe").unwrap();
         let written = synth::write(&recipe, &folder.path().join("run"), &mut |_, _| {}).unwrap();
         std::fs::create_dir(folder.path().join("out")).unwrap();
         Self { folder, parameters: written.parameter_file }
@@ -56,16 +55,21 @@ impl Dump {
         self.parameters.with_extension(extension)
     }
 
-    /// Files of the dump.
+    /// Files of the dump that readers open.
     fn files(&self) -> Vec<PathBuf> {
         let mut folders = vec![self.folder.path().join("run")];
-        let mut files = Vec::new();
+        let mut files: Vec<PathBuf> = Vec::new();
         while let Some(folder) = folders.pop() {
             for entry in std::fs::read_dir(folder).unwrap() {
                 let path = entry.unwrap().path();
                 if path.is_dir() { &mut folders } else { &mut files }.push(path);
             }
         }
+        // Text beside the data says nothing that a reader needs.
+        let name = |path: &Path| path.file_name().unwrap().to_str().unwrap().to_owned();
+        let texts = ["flash.par", "job_info"];
+        let beside = |name: String| name.starts_with("athinput.") || texts.contains(&&*name);
+        files.retain(|path| !beside(name(path)));
         files.sort();
         files
     }
@@ -111,6 +115,7 @@ impl Dump {
     /// Overwrites the first value of a leaf grid's density with `value`.
     fn poke(&self, value: f64) {
         let source = source::open(&self.parameters, None).unwrap();
+        let density = source.hierarchy().density.unwrap();
         let mut finest: Option<GridRecord> = None;
         let mut visit = |grid: GridRecord| {
             finest = finest.filter(|finest| finest.level >= grid.level).or(Some(grid));
@@ -119,7 +124,7 @@ impl Dump {
         source.for_each_grid(&mut visit).unwrap();
         let mut old = [0.0; 2];
         let block = GridBlock { lo: [0; 3], size: [2, 1, 1] };
-        source.read(&finest.unwrap(), 0, block, &mut old).unwrap();
+        source.read(&finest.unwrap(), density, block, &mut old).unwrap();
         let pattern = old.map(f64::to_le_bytes).concat();
         let found = self.files().into_iter().find_map(|path| {
             let bytes = std::fs::read(&path).unwrap();
@@ -154,9 +159,9 @@ fn value<'g>(grid: &'g str, key: &str) -> &'g str {
 #[test]
 fn outputs_that_contradict_themselves_are_refused() {
     let _alone = ALONE.lock().unwrap();
-    Dump::new().ingest().unwrap();
+    Dump::new("enzo").ingest().unwrap();
     let edited = |edit: &dyn Fn(Vec<String>) -> Vec<String>| {
-        let dump = Dump::new();
+        let dump = Dump::new("enzo");
         dump.edit_hierarchy(|text| edit(grids(text)).concat());
         dump.refused()
     };
@@ -196,40 +201,54 @@ fn outputs_that_contradict_themselves_are_refused() {
 #[test]
 fn values_that_are_no_numbers_are_counted_or_refused() {
     let _alone = ALONE.lock().unwrap();
-    for infinite in [f64::INFINITY, f64::NEG_INFINITY, 1e301] {
-        let dump = Dump::new();
-        dump.poke(infinite);
-        let line = dump.refused();
-        assert!(line.contains("grid ") && line.contains("cell"), "{line}");
+    // Athena's numbers have 32 bits, which hold no 1e301.
+    for format in FORMATS.into_iter().filter(|&format| format != "athena") {
+        for infinite in [f64::INFINITY, f64::NEG_INFINITY, 1e301] {
+            let dump = Dump::new(format);
+            dump.poke(infinite);
+            let line = dump.refused();
+            assert!(line.contains("grid ") && line.contains("cell"), "{line}");
+        }
+        let dump = Dump::new(format);
+        dump.poke(f64::NAN);
+        one_value_is_nan(&dump);
     }
-    let dump = Dump::new();
-    dump.poke(f64::NAN);
+}
+
+fn one_value_is_nan(dump: &Dump) {
     dump.ingest().unwrap();
     let target = dump.folder.path().join("nan.dfc");
     let mut command = Command::new(env!("CARGO_BIN_EXE_deepfield"));
     let output = command.arg("ingest").arg(&dump.parameters).arg("-o").arg(&target).output();
     let said = String::from_utf8(output.unwrap().stderr).unwrap();
-    assert!(said.starts_with("warning: Density: 1 leaf cells are NaN"), "{said}");
+    assert!(said.starts_with("warning: ") && said.contains(": 1 leaf cells are NaN"), "{said}");
     assert_eq!(Cache::open(&target, 16).unwrap().header().fields[0].nan_cells, 1);
 }
 
-/// Damages a digit or more among the first of `bytes`, where headers stand, or any bytes.
-fn damage(noise: &mut Noise, bytes: &[u8]) -> Vec<u8> {
-    let head = &bytes[..bytes.len().min(4096)];
+/// Most files are mostly data, where damage is another value: half of it goes to some few kB.
+/// Of text some digits become others.
+fn damaged(noise: &mut Noise, bytes: &[u8]) -> Vec<u8> {
+    let head = &bytes[..bytes.len().min(1 << 12)];
     let digits: Vec<usize> = (0..head.len()).filter(|&at| head[at].is_ascii_digit()).collect();
-    if digits.is_empty() || noise.below(2) == 0 {
+    if digits.len() > 20 && noise.below(3) == 0 {
+        let mut bytes = bytes.to_vec();
+        for _ in 0..=noise.below(3) {
+            bytes[*noise.pick(&digits)] = *noise.pick(b"0123456789-.e (),\n\0");
+        }
+        return bytes;
+    }
+    if noise.below(2) == 0 || bytes.len() < 1 << 14 {
         return noise.damage(bytes);
     }
-    let mut damaged = bytes.to_vec();
-    for _ in 0..=noise.below(3) {
-        damaged[*noise.pick(&digits)] = *noise.pick(b"0123456789-.e (),\n\0");
-    }
-    damaged
+    // What tells how to read the rest stands at the start or the end.
+    let at = *noise.pick(&[0, bytes.len() - (1 << 13)]);
+    let part = noise.damage(&bytes[at..at + (1 << 13)]);
+    [&bytes[..at], &part, &bytes[at + (1 << 13)..]].concat()
 }
 
 fn attack_outputs(format: &str, rounds: u64) {
     let _alone = ALONE.lock().unwrap();
-    let dump = Dump::of(format);
+    let dump = Dump::new(format);
     let files: Vec<(PathBuf, Vec<u8>)> =
         dump.files().into_iter().map(|path| (path.clone(), std::fs::read(path).unwrap())).collect();
     let tables = dump.file("hierarchy.hdf5");
@@ -237,7 +256,7 @@ fn attack_outputs(format: &str, rounds: u64) {
     for round in 0..rounds {
         let mut noise = Noise::new(round);
         let (path, bytes) = &files[noise.below(files.len())];
-        std::fs::write(path, damage(&mut noise, bytes)).unwrap();
+        std::fs::write(path, damaged(&mut noise, bytes)).unwrap();
         if path != &tables && noise.below(2) == 0 {
             // Then the text is what is read.
             let _ = std::fs::remove_file(&tables);
@@ -249,7 +268,7 @@ fn attack_outputs(format: &str, rounds: u64) {
                 refused += 1;
             }
         }
-        for (path, bytes) in files.iter().filter(|(other, _)| other == path || *other == tables) {
+        for (path, bytes) in files.iter().filter(|(other, _)| other == path || other == &tables) {
             std::fs::write(path, bytes).unwrap();
         }
     }
@@ -258,36 +277,18 @@ fn attack_outputs(format: &str, rounds: u64) {
 }
 
 #[test]
-fn damaged_outputs_of_enzo_are_read_or_refused() {
-    attack_outputs("enzo", 150);
-}
-
-#[test]
-fn damaged_outputs_of_amrex_are_read_or_refused() {
-    attack_outputs("amrex", 150);
-}
-
-#[test]
-fn damaged_outputs_of_athena_are_read_or_refused() {
-    attack_outputs("athena", 150);
+fn damaged_outputs_are_read_or_refused() {
+    for format in FORMATS {
+        attack_outputs(format, 150);
+    }
 }
 
 #[test]
 #[ignore = "takes minutes"]
-fn thousands_of_damaged_outputs_of_enzo_are_read_or_refused() {
-    attack_outputs("enzo", 10_000);
-}
-
-#[test]
-#[ignore = "takes minutes"]
-fn thousands_of_damaged_outputs_of_amrex_are_read_or_refused() {
-    attack_outputs("amrex", 10_000);
-}
-
-#[test]
-#[ignore = "takes minutes"]
-fn thousands_of_damaged_outputs_of_athena_are_read_or_refused() {
-    attack_outputs("athena", 10_000);
+fn thousands_of_damaged_outputs_are_read_or_refused() {
+    for format in FORMATS {
+        attack_outputs(format, 10_000);
+    }
 }
 
 /// Parses damaged copies of `text`.

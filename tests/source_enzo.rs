@@ -3,27 +3,21 @@
 
 #![allow(clippy::unwrap_used)] // a test's way to fail
 
+#[path = "support/facts.rs"]
+mod facts;
 #[path = "support/hexadecimal.rs"]
 mod hexadecimal;
-#[path = "support/walk.rs"]
-mod walk;
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 use deepfield::source::{self, GridBlock, GridRecord, Source};
 use deepfield::space::Decimal;
+use facts::grids;
 use serde_json::Value;
-use walk::grids;
 
 fn dump(set: &str) -> Option<(PathBuf, Value)> {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")).join(set);
-    let Ok(facts) = std::fs::read_to_string(folder.join("yt_facts.json")) else {
-        eprintln!("skipped: {} is not there", folder.display());
-        return None;
-    };
-    let facts: Value = serde_json::from_str(&facts).unwrap();
-    Some((folder.join(facts["dump"].as_str().unwrap()), facts))
+    facts::load(set, "dump")
 }
 
 fn per_level(facts: &Value) -> BTreeMap<u32, u64> {
@@ -63,21 +57,22 @@ fn check_samples(source: &dyn Source, facts: &Value) {
             Decimal::from_f64(hexadecimal::parse(sample["pos_hex"][a].as_str().unwrap()).unwrap())
                 .unwrap()
         });
-        let position = hierarchy.domain.position(&point).unwrap();
-        let (grid, cell) = walk::leaf(source, &grids, &position).unwrap();
+        let (grid, cell) = facts::find(&grids, hierarchy, &point).unwrap();
+        let cell = [0, 1, 2].map(|a| (cell[a] - grid.lo[a]) as u64);
         let stated = [0, 1, 2].map(|a| sample["ijk"][a].as_u64().unwrap());
         assert_eq!(Some(u64::from(grid.level)), sample["level"].as_u64(), "{sample}");
         assert_eq!(Some(grid.id), sample["grid_id"].as_u64(), "{sample}");
-        assert_eq!(cell.map(u64::from), stated, "{sample}");
+        assert_eq!(cell, stated, "{sample}");
         let values = data.entry(grid.id).or_insert_with(|| read_whole(source, grid));
-        let value = values[walk::offset(grid, cell)];
+        let [nx, ny, _] = grid.size.map(u64::from);
+        let value = values[usize::try_from(cell[0] + nx * (cell[1] + ny * cell[2])).unwrap()];
         let stated: f64 = sample["density"].as_str().unwrap().parse().unwrap();
         assert_eq!(value.to_bits(), stated.to_bits(), "{sample}");
     }
 }
 
 fn read_whole(source: &dyn Source, grid: &GridRecord) -> Vec<f64> {
-    walk::values(source, grid, source.hierarchy().density.unwrap())
+    facts::read_whole(source, grid, source.hierarchy().density.unwrap())
 }
 
 fn check_set(set: &str) {
@@ -176,10 +171,10 @@ fn blocks_are_parts_of_the_whole() {
 #[test]
 fn other_kinds_of_data_are_not_taken_for_enzo() {
     for set in ["athena_nested13", "amrex_adv", "flash_sedov"] {
-        let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")).join(set);
+        let folder = facts::folder(set);
         if folder.is_dir() {
-            let error = source::open(&folder, None).err().unwrap().to_string();
-            assert!(error.contains("looked for enzo"), "{error}");
+            let error = source::open(&folder, Some("enzo")).err().unwrap().to_string();
+            assert!(error.contains("holds no Enzo dump"), "{error}");
         }
     }
 }

@@ -12,6 +12,9 @@ const BATCH_CELLS: u64 = 1 << 21;
 /// Most grids, as their boxes are kept.
 const MOST_GRIDS: usize = 2_000_000;
 
+/// Values of a grid, one vector a field, x fastest.
+pub(super) type Evaluated = Vec<Vec<f64>>;
+
 /// The grids by level.
 ///
 /// # Errors
@@ -38,8 +41,7 @@ pub(super) fn cells(grid: &Grid) -> u64 {
     grid.cells.size().iter().product::<i128>() as u64
 }
 
-/// Hands every grid of `list` to `take`, in order, with the values of `fields`, one vector a
-/// field, x fastest.
+/// Hands every grid of `list` to `take`, in order, with the values of `fields`.
 ///
 /// # Errors
 /// What `take` returns.
@@ -47,7 +49,7 @@ pub(super) fn evaluate(
     (recipe, grids): (&Recipe, &Grids),
     list: &[Grid],
     fields: &[String],
-    take: &mut dyn FnMut(&Grid, Vec<Vec<f64>>) -> Result<()>,
+    take: &mut dyn FnMut(&Grid, Evaluated) -> Result<()>,
 ) -> Result<()> {
     let mut rest = list;
     while !rest.is_empty() {
@@ -59,7 +61,7 @@ pub(super) fn evaluate(
         let count = rest.iter().take_while(fits).count().max(1);
         let (batch, others) = rest.split_at(count);
         let covered = recipe.output.covered;
-        let evaluated: Vec<Vec<Vec<f64>>> =
+        let evaluated: Vec<Evaluated> =
             batch.par_iter().map(|grid| grid_values(grids, grid, fields, covered)).collect();
         for (grid, values) in batch.iter().zip(evaluated) {
             take(grid, values)?;

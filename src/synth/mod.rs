@@ -17,7 +17,6 @@ mod density;
 mod edges;
 mod enzo;
 mod grids;
-mod layout;
 mod nested;
 mod noise;
 mod output;
@@ -27,8 +26,67 @@ mod values;
 
 pub use density::DensityModel;
 pub use grids::{Grid, Grids};
-pub use layout::{Summary, write};
 pub use recipe::Recipe;
 
 #[cfg(test)]
 mod tests;
+
+use std::path::{Path, PathBuf};
+
+use crate::{Error, Result};
+
+/// What was written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Summary {
+    /// What readers open: Enzo's parameter file, AMReX' folder, or the file of Athena's root level.
+    pub parameter_file: PathBuf,
+    /// Levels, the root grid's included.
+    pub levels: u32,
+    /// Grids of all levels.
+    pub grids: u64,
+    /// Cells of all grids, those under finer grids included.
+    pub cells: u64,
+    /// Size of all files together.
+    pub bytes: u64,
+}
+
+/// A simulation code's layout.
+struct Layout {
+    /// As a recipe's `output.format` takes it.
+    name: &'static str,
+    write: Write,
+}
+
+/// What [`write`] does, for one layout.
+type Write = fn(&Recipe, &Path, &mut dyn FnMut(u64, u64)) -> Result<Summary>;
+
+/// Every layout that can be written.
+const LAYOUTS: &[Layout] = &[enzo::LAYOUT, amrex::LAYOUT, athena::LAYOUT];
+
+/// The layout called `name`.
+fn layout(name: &str) -> Result<&'static Layout> {
+    LAYOUTS.iter().find(|layout| layout.name.eq_ignore_ascii_case(name)).ok_or_else(|| {
+        let names: Vec<&str> = LAYOUTS.iter().map(|layout| layout.name).collect();
+        let name = name.escape_debug();
+        Error::request(format!(
+            "output.format: `{name}` is unknown: there are {}",
+            names.join(", ")
+        ))
+    })
+}
+
+/// Writes the data set of `recipe` as a folder of its name in `directory`. `progress` hears of
+/// the cells written and their total number.
+///
+/// An earlier synthetic data set of that name is replaced; on failure nothing is left behind.
+///
+/// # Errors
+/// What the recipe's layout cannot hold, a folder that holds something else, and whatever the
+/// operating system refuses.
+pub fn write(
+    recipe: &Recipe,
+    directory: &Path,
+    progress: &mut dyn FnMut(u64, u64),
+) -> Result<Summary> {
+    (layout(&recipe.output.format)?.write)(recipe, directory, progress)
+}

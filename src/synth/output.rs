@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::{Error, Result};
 
-/// First line of the parameter files that `synth` writes; folders without one are not replaced.
+/// First line of the text file that every data set has; folders without it are not replaced.
 pub(super) const MARK: &str = "# Synthetic data set written by deepfield synth";
 
 /// A folder under a temporary name beside its final one, removed unless it is finished.
@@ -16,8 +16,8 @@ pub(super) struct OutputFolder {
 }
 
 impl OutputFolder {
-    /// Starts folder `name` in `directory`, which is made if need be. Of its files `marked` will
-    /// begin with [`MARK`].
+    /// Starts folder `name` in `directory`, which is made if need be. The data set's file `marked`
+    /// starts with [`MARK`].
     ///
     /// # Errors
     /// A folder of that name which holds anything else than an earlier synthetic data set.
@@ -49,11 +49,11 @@ impl OutputFolder {
         Ok(folder)
     }
 
-    /// Writes a whole file of the folder; its size.
+    /// Writes text file `name`; its size.
     ///
     /// # Errors
     /// What the operating system refuses.
-    pub(super) fn write(&self, name: &str, text: &str) -> Result<u64> {
+    pub(super) fn write_text(&self, name: &str, text: &str) -> Result<u64> {
         let path = self.file(name);
         fs::write(&path, text).map_err(|e| Error::io(&path, "cannot write", e))?;
         Ok(text.len() as u64)

@@ -104,7 +104,7 @@ pub struct ThresholdRecipe {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OutputRecipe {
-    /// The layout, by the name that `--format` takes when reading.
+    /// The layout: `enzo`, `amrex` or `athena`.
     pub format: String,
     /// Precision of field values.
     pub precision: Precision,

@@ -160,9 +160,9 @@ impl Source for Plotfile {
 /// `block` of the grid of `cells` in indices of the array that begins at `array`, which has ghost
 /// cells.
 fn inner(array: &IndexBox, cells: &IndexBox, block: GridBlock) -> Option<GridBlock> {
-    let mut lo = [0; 3];
-    for a in 0..3 {
-        lo[a] = u32::try_from(cells.lo[a] - array.lo[a]).ok()?.checked_add(block.lo[a])?;
+    let mut lo = block.lo;
+    for (a, lo) in lo.iter_mut().enumerate() {
+        *lo = u32::try_from(cells.lo[a] - array.lo[a]).ok()?.checked_add(*lo)?;
     }
     Some(GridBlock { lo, size: block.size })
 }

@@ -53,13 +53,21 @@ fn is_numbered(folder: &Path, prefix: &str) -> bool {
 
 /// The folder of the run whose files stand in `folder`, and whether that is a process' folder.
 fn run_folder(folder: &Path) -> (&Path, bool) {
-    let above = |folder: &'_ Path| folder.parent().is_some();
-    let mut run = folder;
-    if is_numbered(run, "lev") && above(run) {
-        run = run.parent().unwrap_or(run);
+    let above = |folder, prefix| match is_numbered(folder, prefix) {
+        true => folder.parent(),
+        false => None,
+    };
+    let run = above(folder, "lev").unwrap_or(folder);
+    match above(run, "id") {
+        Some(above) => (above, true),
+        None => (run, false),
     }
-    let parallel = is_numbered(run, "id") && above(run);
-    (if parallel { run.parent().unwrap_or(run) } else { run }, parallel)
+}
+
+/// One of the files that `folder` holds or the run that it is part of, of whatever output.
+pub(super) fn any(folder: &Path) -> Option<PathBuf> {
+    let absolute = std::path::absolute(folder).ok()?;
+    all(run_folder(&absolute).0).ok()?.into_iter().next().map(|(_, file)| file)
 }
 
 /// The files of the output that `path` means: one of its files, or a folder with one output.
@@ -127,7 +135,7 @@ fn add(entries_here: &[PathBuf], parallel: bool, to: &mut Vec<(Output, PathBuf)>
 
 fn with_output(file: PathBuf, parallel: bool) -> Option<(Output, PathBuf)> {
     let name = Name::parse(file.file_name()?.to_str()?)?;
-    file.is_file().then(|| (Output { parallel, name }, file))
+    file.is_file().then_some((Output { parallel, name }, file))
 }
 
 fn entries(folder: &Path) -> Result<Vec<PathBuf>> {

@@ -30,10 +30,10 @@ pub(super) const FORMAT: Format = Format {
 const DENSITIES: [&str; 2] = ["density", "d"];
 
 fn recognises(path: &Path) -> bool {
-    if !path.is_dir() {
-        return header::looks_right(path);
+    match path.is_dir() {
+        true => files::any(path).is_some_and(|file| header::looks_right(&file)),
+        false => header::looks_right(path),
     }
-    files::of_output(path).is_ok_and(|files| files.first().is_some_and(|f| header::looks_right(f)))
 }
 
 /// One output of a run.

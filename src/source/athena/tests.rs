@@ -193,3 +193,16 @@ fn a_missing_root_level_and_cut_files_are_named() {
     std::fs::write(&file, &bytes[..300]).unwrap();
     assert!(made.read(4).unwrap_err().to_string().contains("96 cells in a file of 300 bytes"));
 }
+
+#[test]
+fn a_run_of_several_outputs_is_told_apart_from_other_folders() {
+    let mut made = Made::new();
+    made.write();
+    made.files.truncate(2);
+    (made.files[0].0, made.files[1].0) = ("id0/B.0002.vtk", "id1/B-id1.0002.vtk");
+    made.write();
+    let error = crate::source::open(made.folder.path(), None).err().unwrap().to_string();
+    assert!(error.contains("holds 2 Athena outputs") && error.contains("B.0001.vtk"), "{error}");
+    assert!(recognises(&made.folder.path().join("id1/lev2")));
+    assert!(!recognises(tempfile::tempdir().unwrap().path()));
+}

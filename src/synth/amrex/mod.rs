@@ -7,9 +7,9 @@ use std::path::Path;
 
 use super::batches::{by_level, cells};
 use super::grids::{Grid, Grids};
-use super::layout::{Layout, Summary};
 use super::output::{MARK, OutputFolder};
 use super::recipe::Recipe;
+use super::{Layout, Summary};
 use crate::{Error, Result};
 use level::LevelWriter;
 
@@ -28,8 +28,8 @@ fn write(recipe: &Recipe, directory: &Path, progress: &mut dyn FnMut(u64, u64)) 
     check_indices(&grids, &levels)?;
     let total = levels.iter().flatten().map(cells).sum();
     let folder = OutputFolder::create(directory, &recipe.name, JOB_INFO)?;
-    let mut bytes = folder.write(JOB_INFO, &format!("{MARK}\nAMReX Job Information\n"))?;
-    bytes += folder.write("Header", &header::text(recipe, &grids, &levels))?;
+    let mut bytes = folder.write_text(JOB_INFO, &format!("{MARK}\nAMReX Job Information\n"))?;
+    bytes += folder.write_text("Header", &header::text(recipe, &grids, &levels))?;
     let mut done = 0;
     for (level, list) in levels.iter().enumerate() {
         let mut writer = LevelWriter::create(recipe, &folder, level)?;

@@ -7,9 +7,9 @@ use std::path::Path;
 
 use super::batches::{by_level, cells, evaluate};
 use super::grids::{Grid, Grids};
-use super::layout::{Layout, Summary};
 use super::output::{MARK, OutputFolder};
 use super::recipe::Recipe;
+use super::{Layout, Summary};
 use crate::{Error, Result};
 use piece::Variable;
 
@@ -34,7 +34,7 @@ fn write(recipe: &Recipe, directory: &Path, progress: &mut dyn FnMut(u64, u64)) 
     let parameters = format!("athinput.{}", recipe.name);
     let folder = OutputFolder::create(directory, &recipe.name, &parameters)?;
     let job = format!("{MARK}\n<job>\nproblem_id = {}\n", recipe.name);
-    let mut bytes = folder.write(&parameters, &job)?;
+    let mut bytes = folder.write_text(&parameters, &job)?;
     let (variables, fields) = variables(recipe);
     let (processes, mut done) = (levels.first().map_or(1, Vec::len).max(1), 0);
     for list in &levels {

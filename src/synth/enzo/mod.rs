@@ -8,9 +8,9 @@ mod parameters;
 use std::path::Path;
 
 use super::grids::{Grid, Grids, Step};
-use super::layout::{Layout, Summary};
 use super::output::OutputFolder;
 use super::recipe::{DEFAULT_HDF5_HIERARCHY_GRIDS, MAX_HDF5_HIERARCHY_GRIDS, Recipe};
+use super::{Layout, Summary};
 use crate::{Error, Result};
 use data::DataFiles;
 use hierarchy::HierarchyText;

@@ -14,7 +14,7 @@ pub(super) fn write(
     folder: &OutputFolder,
     totals: Totals,
 ) -> Result<u64> {
-    folder.write(&recipe.name, &text(recipe, factor, totals))
+    folder.write_text(&recipe.name, &text(recipe, factor, totals))
 }
 
 fn text(recipe: &Recipe, factor: u32, totals: Totals) -> String {

@@ -83,7 +83,7 @@ impl Recipe {
 
     fn validate_output(&self) -> Result<()> {
         let output = &self.output;
-        crate::synth::layout::named(&output.format)?;
+        crate::synth::layout(&output.format)?;
         if !(output.file_mib > 0.0 && output.file_mib <= 256.0) {
             return Err(Error::request("output.file_mib: more than 0, at most 256"));
         }
