@@ -32,17 +32,27 @@ impl Number {
         }
     }
 
-    /// The number that `bytes` begin with, widened.
-    fn decode(self, bytes: &[u8]) -> f64 {
-        let mut word = [0; 8];
-        let count = self.bytes() as usize;
-        word[..count].copy_from_slice(&bytes[..count]);
-        let [a, b, c, d, ..] = word;
+    /// Widens a number of every `stride` bytes of `bytes` into `out`.
+    fn decode(self, bytes: &[u8], stride: usize, out: &mut [f64]) {
         match self {
-            Self::F32Little => f64::from(f32::from_le_bytes([a, b, c, d])),
-            Self::F32Big => f64::from(f32::from_be_bytes([a, b, c, d])),
-            Self::F64Little => f64::from_le_bytes(word),
-            Self::F64Big => f64::from_be_bytes(word),
+            Self::F32Little => decode_with(bytes, stride, out, |b| f32::from_le_bytes(b).into()),
+            Self::F32Big => decode_with(bytes, stride, out, |b| f32::from_be_bytes(b).into()),
+            Self::F64Little => decode_with(bytes, stride, out, f64::from_le_bytes),
+            Self::F64Big => decode_with(bytes, stride, out, f64::from_be_bytes),
+        }
+    }
+}
+
+/// [`Number::decode`] for one way of storing numbers, so that the loop has no choices.
+fn decode_with<const N: usize>(
+    bytes: &[u8],
+    stride: usize,
+    out: &mut [f64],
+    number: impl Fn([u8; N]) -> f64,
+) {
+    for (value, cell) in out.iter_mut().zip(bytes.chunks(stride)) {
+        if let Some(stored) = cell.first_chunk() {
+            *value = number(*stored);
         }
     }
 }
@@ -101,7 +111,8 @@ impl RawArray {
                 file.read_exact_at(&mut bytes, self.start + first * cell)
                     .map_err(|e| Error::io(path, "cannot read", e))?;
                 for (row, out) in (0..together).zip(&mut out) {
-                    self.decode(&bytes[(row * self.shape[0] * cell) as usize..], out);
+                    let at = row * self.shape[0] * cell + self.component * self.number.bytes();
+                    self.number.decode(&bytes[at as usize..], cell as usize, out);
                 }
             }
         }
@@ -126,16 +137,6 @@ impl RawArray {
             return Err(Error::invalid(path.display(), reason));
         }
         Ok(())
-    }
-
-    /// Decodes a row of cells.
-    fn decode(&self, bytes: &[u8], out: &mut [f64]) {
-        let number = self.number.bytes();
-        let cells =
-            bytes[(self.component * number) as usize..].chunks((self.per_cell * number) as usize);
-        for (value, cell) in out.iter_mut().zip(cells) {
-            *value = self.number.decode(cell);
-        }
     }
 }
 
