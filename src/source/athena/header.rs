@@ -110,41 +110,54 @@ impl Header {
         refuse(&mut lines, path, "BINARY", "only binary files can be read")?;
         let uniform = "only uniform Cartesian grids (STRUCTURED_POINTS) can be read";
         refuse(&mut lines, path, "DATASET STRUCTURED_POINTS", uniform)?;
-        let (mut points, mut origin, mut spacing) = (None, None, None);
-        let count: u64 = loop {
-            let line = lines.expect("CELL_DATA")?;
-            let (key, value) = line.split_once(char::is_whitespace).unwrap_or((&line, ""));
-            match key {
-                "DIMENSIONS" => points = three::<u32>(value),
-                "ORIGIN" => origin = three(value),
-                "SPACING" => spacing = three(value),
-                "CELL_DATA" => {
-                    break value.trim().parse().map_err(|_| {
-                        lines.fault(&format!("`{}` where CELL_DATA should stand", shown(&line)))
-                    })?;
-                }
-                _ => {
-                    let reason = format!("`{}` before CELL_DATA is not known", shown(&line));
-                    return Err(lines.fault(&reason));
-                }
-            }
-        };
+        let grid = Grid::read(&mut lines)?;
         let missing = |key: &str| lines.fault(&format!("has no {key} of three numbers"));
-        let points = points.ok_or_else(|| missing("DIMENSIONS"))?;
-        let cells = cells(points, count).map_err(|reason| lines.fault(&reason))?;
+        let points = grid.points.ok_or_else(|| missing("DIMENSIONS"))?;
+        let cells = cells(points, grid.cells).map_err(|reason| lines.fault(&reason))?;
         let length = std::fs::metadata(path).map_err(|e| Error::io(path, "cannot open", e))?.len();
-        if length / SMALLEST_NUMBER < count {
-            let reason = format!("{count} cells in a file of {length} bytes: is it truncated?");
+        if length / SMALLEST_NUMBER < grid.cells {
+            let reason =
+                format!("{} cells in a file of {length} bytes: is it truncated?", grid.cells);
             return Err(lines.fault(&reason));
         }
         Ok(Self {
             time: Some(time).filter(|time| time.is_finite()),
             level,
             cells,
-            origin: origin.ok_or_else(|| missing("ORIGIN"))?,
-            spacing: spacing.ok_or_else(|| missing("SPACING"))?,
+            origin: grid.origin.ok_or_else(|| missing("ORIGIN"))?,
+            spacing: grid.spacing.ok_or_else(|| missing("SPACING"))?,
             variables: lines.offset(),
         })
+    }
+}
+
+/// VTK's description of a uniform grid, whose lines come in any order.
+#[derive(Default)]
+struct Grid {
+    points: Option<[u32; 3]>,
+    origin: Option<[Printed; 3]>,
+    spacing: Option<[Printed; 3]>,
+    cells: u64,
+}
+
+impl Grid {
+    /// Reads the lines up to that with the number of cells.
+    fn read(lines: &mut Lines) -> Result<Self> {
+        let mut grid = Self::default();
+        loop {
+            let line = lines.expect("CELL_DATA")?;
+            let (key, value) = line.split_once(char::is_whitespace).unwrap_or((&line, ""));
+            match (key, value.trim().parse()) {
+                ("DIMENSIONS", _) => grid.points = three(value),
+                ("ORIGIN", _) => grid.origin = three(value),
+                ("SPACING", _) => grid.spacing = three(value),
+                ("CELL_DATA", Ok(cells)) => return Ok(Self { cells, ..grid }),
+                _ => {
+                    let reason = format!("`{}` where CELL_DATA should stand", shown(&line));
+                    return Err(lines.fault(&reason));
+                }
+            }
+        }
     }
 }
 
