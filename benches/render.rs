@@ -25,7 +25,7 @@ fn main() -> Result<()> {
     let directory = tempfile::tempdir()
         .map_err(|source| deepfield::Error::io("temporary folder", "cannot make", source))?;
     let recipe = Recipe::parse(RECIPE, "demo.toml")?;
-    let dump = write(&recipe, directory.path(), &mut |_, _| {})?.parameter_file;
+    let dump = write(&recipe, directory.path(), &mut |_, _| {})?.input;
     println!(
         "{:<8}{:<8}{:>10}{:>12}{:>14}{:>12}",
         "brick", "mode", "seconds", "samples", "ns/sample", "bricks"

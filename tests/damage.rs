@@ -42,7 +42,7 @@ impl Stock {
         let output = folder.join(name);
         let recipe = Recipe::parse(&text, recipe.display()).unwrap();
         let written = synth::write(&recipe, &output, &mut |_, _| {}).unwrap();
-        let source = deepfield::source::open(&written.parameter_file, None).unwrap();
+        let source = deepfield::source::open(&written.input, None).unwrap();
         let cache = folder.join(format!("{name}.dfc"));
         let mut quiet = |_, _, _| {};
         ingest(source.as_ref(), &cache, options, &mut Progress::new(&mut quiet)).unwrap();

@@ -90,7 +90,7 @@ fn check_synthetic(name: &str, format: &str) {
     let model = Grids::new(&recipe).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let written = synth::write(&recipe, folder.path(), &mut |_, _| {}).unwrap();
-    let source = source::open(&written.parameter_file, None).unwrap();
+    let source = source::open(&written.input, None).unwrap();
     assert_eq!(source.format(), format);
     let hierarchy = source.hierarchy();
     assert_eq!(hierarchy.levels.count() as u32, recipe.refinement.max_level + 1);

@@ -9,12 +9,12 @@
     deepfield probe small.dfc --field Density --points points.csv > probe.csv
     tools/check_synth_with_yt.py out/DD0000/DD0000 probe.csv --info info.json
 
-DATASET is whatever yt.load takes: Enzo's parameter file, Athena++'s .athdf, FLASH's file.
+DATASET is whatever yt.load takes, in any layout that `deepfield synth` writes: what `synth` prints.
 
-Checked: the levels, grids of each level and leaf cells that yt counts, against INFO (of trees of
+Checked: the grids, cells and leaf cells of each level that yt counts, against INFO (of trees of
 blocks only the leaves count) and for Enzo against the text hierarchy and the integers in it; and
 the level and value in the leaf cell at each point of PROBE_CSV (columns x, y, z, level, value),
-found in yt's own grids. Values are compared as 32-bit floats. yt cannot load sets deeper than
+found in yt's own grids. Values are compared as 32-bit floats. yt cannot load Enzo sets deeper than
 level 47, and misplaces blocks where the edges in a FLASH file no longer tell them apart.
 """
 
@@ -76,32 +76,28 @@ def check_hierarchy(dataset, text_grids):
 
 
 def check_info(dataset, path):
-    """Compares yt's grids that hold leaf cells with what `deepfield info --json` printed."""
+    """Compares grids, cells and leaf cells of each level with what `deepfield info --json` printed.
+    Of block trees only grids that hold leaf cells count: a parent is no part of the solution."""
     with open(path, encoding="utf-8") as file:
         info = json.load(file)
-    stated = {l["level"]: l["grids"] for l in info["levels"] if l["grids"] > 0}
-    leaves = collections.Counter()
-    grids = collections.Counter()
+    only_leaves = info["format"] in ("athena++", "flash")
+    seen = collections.defaultdict(lambda: (0, 0, 0))
     for grid in dataset.index.grids:
-        count = int(grid.child_mask.sum())
-        leaves[int(grid.Level)] += count
-        grids[int(grid.Level)] += count > 0 or info["format"] == "enzo"
-    grids = {level: count for level, count in grids.items() if count > 0}
+        leaves = int(grid.child_mask.sum())
+        if leaves > 0 or not only_leaves:
+            counts = (1, int(np.prod(grid.ActiveDimensions)), leaves)
+            seen[int(grid.Level)] = tuple(map(sum, zip(seen[int(grid.Level)], counts)))
     failures = []
-    if grids != stated:
-        failures.append(f"grids per level: deepfield {stated}, yt {grids}")
-    if sum(leaves.values()) != info["leaf_cells"]:
-        failures.append(f"leaf cells: deepfield {info['leaf_cells']}, yt {sum(leaves.values())}")
-    print(f"levels {max(grids) + 1}, grids {sum(grids.values())}, leaf cells {info['leaf_cells']}")
+    for level in info["levels"]:
+        number = level["level"]
+        said = (level["grids"], level["cells"], level["leaf_cells"])
+        found = seen.pop(number, (0, 0, 0))
+        if number is not None and said != found:
+            failures.append(f"level {number}: grids, cells, leaf cells {said}, but {found} in yt")
+    if seen:
+        failures.append(f"levels {sorted(seen)} are in yt alone")
+    print(f"{info['format']}: {len(info['levels'])} levels, {info['leaf_cells']} leaf cells")
     return failures
-
-
-def field_of(dataset, name):
-    """yt's full name of the file's field `name`, whatever its case."""
-    for kind, known in dataset.field_list:
-        if known.lower() == name.lower():
-            return kind, known
-    raise SystemExit(f"no field {name}: there are {dataset.field_list}")
 
 
 def leaf_at(dataset, point):
@@ -116,9 +112,18 @@ def leaf_at(dataset, point):
     return grid, tuple(np.clip(cell, 0, grid.ActiveDimensions - 1))
 
 
-def check_points(dataset, field, path):
+def stored_field(dataset, name):
+    """yt's name of the stored field `name`, whatever the case."""
+    for field in dataset.field_list:
+        if field[1].lower() == name.lower():
+            return field
+    raise SystemExit(f"yt knows no field {name}: {dataset.field_list}")
+
+
+def check_points(dataset, name, path):
     """Compares the rows of a probe with yt."""
     failures, checked = [], 0
+    field = stored_field(dataset, name)
     with open(path, newline="", encoding="ascii") as rows:
         for row in csv.DictReader(rows):
             point = np.array([float(decimal.Decimal(row[axis])) for axis in "xyz"])
@@ -170,14 +175,13 @@ def main():
     if arguments.write_points:
         write_points(dataset, arguments.write_points, arguments.count)
         return 0
-    failures = []
-    if os.path.exists(arguments.dump + ".hierarchy"):
-        failures += check_hierarchy(dataset, grids_in_text(arguments.dump + ".hierarchy"))
+    failures, hierarchy = [], arguments.dump + ".hierarchy"
+    if os.path.exists(hierarchy):
+        failures += check_hierarchy(dataset, grids_in_text(hierarchy))
     if arguments.info:
         failures += check_info(dataset, arguments.info)
     if arguments.probe_csv:
-        field = field_of(dataset, arguments.field)
-        failures += check_points(dataset, field, arguments.probe_csv)
+        failures += check_points(dataset, arguments.field, arguments.probe_csv)
     for failure in failures[:20]:
         print(failure)
     print(f"{len(failures)} differences" if failures else "no differences")

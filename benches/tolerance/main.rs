@@ -59,7 +59,7 @@ fn main() -> Result<()> {
 
 fn make_cache(set: &Set, folder: &Path) -> Result<PathBuf> {
     let recipe = Recipe::parse(set.recipe, set.name)?;
-    let dump = write(&recipe, &folder.join(set.name), &mut |_, _| {})?.parameter_file;
+    let dump = write(&recipe, &folder.join(set.name), &mut |_, _| {})?.input;
     let (source, target) = (source::open(&dump, None)?, folder.join(format!("{}.dfc", set.name)));
     let mut quiet = |_, _, _| {};
     ingest(source.as_ref(), &target, &Options::default(), &mut Progress::new(&mut quiet))?;

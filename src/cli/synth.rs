@@ -18,10 +18,16 @@ pub(super) struct Arguments {
     /// The folder to write to
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
+    /// The layout to write (default: the recipe's)
+    #[arg(long, value_name = "NAME")]
+    format: Option<String>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    let recipe = load(&arguments.recipe)?;
+    let mut recipe = load(&arguments.recipe)?;
+    if let Some(format) = &arguments.format {
+        recipe = recipe.with_format(format)?;
+    }
     let bar = Bar::new("synth", "grids");
     let summary = synth::write(&recipe, &arguments.output, &mut |done, total| {
         bar.show("synth", done, total);
@@ -30,7 +36,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut output = Output::new();
     output.line(format!(
         "{}: {} levels, {} grids, {} cells, {}",
-        summary.parameter_file.display(),
+        summary.input.display(),
         summary.levels,
         summary.grids,
         summary.cells,

@@ -2,10 +2,14 @@
 //!
 //! A source knows grids and fields; it does not know bricks.
 
+mod amrex;
+mod athena;
 mod athenapp;
 mod enzo;
 mod flash;
 pub mod hdf5;
+mod lines;
+mod raw;
 
 use std::path::Path;
 
@@ -127,7 +131,8 @@ struct Format {
 }
 
 /// Every format that can be read, in the order they are tried.
-const FORMATS: &[Format] = &[enzo::FORMAT, athenapp::FORMAT, flash::FORMAT];
+const FORMATS: &[Format] =
+    &[enzo::FORMAT, amrex::FORMAT, athenapp::FORMAT, flash::FORMAT, athena::FORMAT];
 
 /// Opens a simulation output, telling its format by content unless `format` names it.
 ///

@@ -149,6 +149,25 @@ impl Domain {
         Position(index.map(|i| i << shift))
     }
 
+    /// The lower corner of a cell of octree level `octree` that is nearest to a point given in
+    /// code length, as that cell's index, and how far the point lies above it along each axis, in
+    /// such cells.
+    ///
+    /// # Errors
+    /// As [`Self::position`].
+    pub fn nearest_corner(
+        &self,
+        octree: u32,
+        point: &[Decimal; 3],
+    ) -> Result<([i128; 3], [f64; 3])> {
+        let position = self.position(point)?.0;
+        let shift = FRACTION_BITS.saturating_sub(octree).max(1);
+        let index = position.map(|c| (c + (1 << (shift - 1))) >> shift);
+        let width = f64::from(shift).exp2();
+        let off = std::array::from_fn(|a| (position[a] - (index[a] << shift)) as f64 / width);
+        Ok((index, off))
+    }
+
     /// The cell of octree level `octree` that holds `position`, half-open.
     pub fn cell_of(&self, octree: i32, position: &Position) -> [i128; 3] {
         let shift = i64::from(FRACTION_BITS) - i64::from(octree);

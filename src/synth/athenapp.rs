@@ -6,9 +6,7 @@ use hdf5_pure::{AttrValue, FileBuilder, LibVer};
 
 use super::edges::cell_edge;
 use super::grids::Grids;
-use super::hdf5::{
-    add_big_endian_i32, add_big_endian_i64, cannot_write, save, stored_bytes, stored_type,
-};
+use super::hdf5::{add_big_endian_i32, add_big_endian_i64, cannot_write, save, stored_type};
 use super::output::{MARK, OutputFolder};
 use super::recipe::Recipe;
 use super::tree::{Block, BlockTree};
@@ -53,8 +51,8 @@ fn write(recipe: &Recipe, directory: &Path, progress: &mut dyn FnMut(u64, u64)) 
     let name = format!("{}.athdf", recipe.name);
     bytes += save(builder, &folder.file(&name))?;
     let levels = tree.blocks.iter().map(|block| block.level + 1).max().unwrap_or(0);
-    let parameter_file = folder.finish()?.join(name);
-    Ok(Summary { parameter_file, levels, grids: leaves.len() as u64, cells, bytes })
+    let input = folder.finish()?.join(name);
+    Ok(Summary { input, levels, grids: leaves.len() as u64, cells, bytes })
 }
 
 fn set_mesh_attributes(
@@ -146,7 +144,7 @@ fn add_variables(
             continue;
         }
         let blocks = fields.iter().flat_map(|&(number, _)| values.iter().map(move |b| &b[number]));
-        let bytes: Vec<u8> = blocks.flat_map(|block| stored_bytes(block, precision)).collect();
+        let bytes: Vec<u8> = blocks.flat_map(|block| precision.stored(block)).collect();
         let [x, y, z] = tree.size.map(u64::from);
         let shape = [fields.len() as u64, values.len() as u64, z, y, x];
         let data = builder.create_dataset(dataset);

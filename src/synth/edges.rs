@@ -59,8 +59,21 @@ pub(super) fn general_14(value: f64) -> String {
     if (-4..DIGITS).contains(&exponent) {
         return trim(&format!("{value:.*}", (DIGITS - 1 - exponent) as usize));
     }
+    c_exponent(&trim(mantissa), exponent)
+}
+
+/// `value` as C's `%e` prints it.
+pub(super) fn exponential_6(value: f64) -> String {
+    let scientific = format!("{value:.6e}");
+    match scientific.split_once('e') {
+        Some((mantissa, exponent)) => c_exponent(mantissa, exponent.parse().unwrap_or(0)),
+        None => scientific,
+    }
+}
+
+fn c_exponent(mantissa: &str, exponent: i32) -> String {
     let sign = if exponent < 0 { '-' } else { '+' };
-    format!("{}e{sign}{:02}", trim(mantissa), exponent.abs())
+    format!("{mantissa}e{sign}{:02}", exponent.abs())
 }
 
 #[cfg(test)]
@@ -96,6 +109,11 @@ mod tests {
             (0.0001, "0.0001"),
         ] {
             assert_eq!(general_14(value), text);
+        }
+        for (value, text) in
+            [(0.0, "0.000000e+00"), (-0.3, "-3.000000e-01"), (1.0 / 3e-120, "3.333333e+119")]
+        {
+            assert_eq!(exponential_6(value), text);
         }
     }
 }

@@ -19,6 +19,13 @@ pub struct Grid {
     pub cells: IndexBox,
 }
 
+impl Grid {
+    /// Number of cells.
+    pub fn count(&self) -> u64 {
+        self.cells.size().iter().product::<i128>() as u64
+    }
+}
+
 /// What a walk over the grids meets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Step {
@@ -74,9 +81,10 @@ impl Grids {
         self.levels.octree(level as usize).unwrap_or(0)
     }
 
-    /// The refinement factor.
-    pub fn factor(&self) -> i128 {
-        i128::from(self.refinement.factor)
+    /// The refinement factor from level `level` to the next; 1 from the last.
+    pub fn factor(&self, level: u32) -> i128 {
+        let fine = self.levels.octree(level as usize + 1);
+        1 << fine.map_or(0, |fine| fine.saturating_sub(self.octree(level)))
     }
 
     /// The grids of the root level.
@@ -101,7 +109,7 @@ impl Grids {
         if level >= self.refinement.max_level {
             return children;
         }
-        let inside = refined(grid, self.factor());
+        let inside = refined(grid, self.factor(level));
         let nested = self.nests.iter();
         for candidate in nested.flat_map(|n| n.boxes(&self.domain, &self.levels, level + 1)) {
             let clipped = candidate.intersection(&inside);
@@ -110,7 +118,8 @@ impl Grids {
             }
         }
         if let Some(threshold) = &self.refinement.threshold {
-            let (at, scale) = ((level, self.octree(level)), (self.factor(), self.refinement.seed));
+            let (at, scale) =
+                ((level, self.octree(level)), (self.factor(level), self.refinement.seed));
             for block in refined_blocks(threshold, &self.model, at, grid, scale) {
                 add_remainder(&mut children, block);
             }

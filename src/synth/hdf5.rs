@@ -19,14 +19,6 @@ pub(super) fn stored_type(precision: Precision) -> Datatype {
     }
 }
 
-/// Field values as they are stored.
-pub(super) fn stored_bytes(values: &[f64], precision: Precision) -> Vec<u8> {
-    match precision {
-        Precision::F32 => values.iter().flat_map(|&v| (v as f32).to_le_bytes()).collect(),
-        Precision::F64 => values.iter().flat_map(|v| v.to_le_bytes()).collect(),
-    }
-}
-
 /// A dataset of big-endian 32-bit integers.
 pub(super) fn add_big_endian_i32(builder: &mut FileBuilder, name: &str, values: &[i32]) {
     let bytes = values.iter().flat_map(|v| v.to_be_bytes()).collect();

@@ -2,14 +2,18 @@
 //!
 //! A [`Recipe`] (TOML; `datasets_synthetic/` holds examples) gives a domain, a density model
 //! ([`DensityModel`]), rules for refinement ([`Grids`]) and the layout, one of [`LAYOUTS`]. Enzo's
-//! grids are written in batches, so memory depends on the largest grid and the deepest level, not
-//! on the size of the data set; trees of blocks ([`tree`]) are built in memory.
+//! grids are written in batches, so memory depends on the largest grid and the deepest level;
+//! layouts that list grids level by level ([`batches`]) keep their boxes as well, and trees of
+//! blocks ([`tree`]) are built in memory.
 //!
 //! Values are the model at cell centres, from offsets that are exact at any depth. Cells under
 //! finer grids hold what the recipe asks for, which may be deliberately wrong: only leaf cells
 //! are the solution.
 
+mod amrex;
+mod athena;
 mod athenapp;
+mod batches;
 mod boxes;
 mod density;
 mod edges;
@@ -40,8 +44,8 @@ use crate::{Error, Result};
 /// What was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Summary {
-    /// What readers open: Enzo's parameter file, or the one file that holds everything.
-    pub parameter_file: PathBuf,
+    /// What readers open: a file, or a folder where the layout is one.
+    pub input: PathBuf,
     /// Levels, the root grid's included.
     pub levels: u32,
     /// Grids of all levels.
@@ -63,7 +67,8 @@ struct Layout {
 type Write = fn(&Recipe, &Path, &mut dyn FnMut(u64, u64)) -> Result<Summary>;
 
 /// Every layout that can be written.
-const LAYOUTS: &[Layout] = &[enzo::LAYOUT, athenapp::LAYOUT, flash::LAYOUT];
+const LAYOUTS: &[Layout] =
+    &[enzo::LAYOUT, amrex::LAYOUT, athenapp::LAYOUT, flash::LAYOUT, athena::LAYOUT];
 
 /// The layout called `name`.
 fn layout(name: &str) -> Result<&'static Layout> {

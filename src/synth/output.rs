@@ -38,6 +38,17 @@ impl OutputFolder {
         self.partial.join(name)
     }
 
+    /// Makes a folder within, where it is written.
+    ///
+    /// # Errors
+    /// What the operating system refuses.
+    pub(super) fn make(&self, name: &str) -> Result<PathBuf> {
+        let folder = self.partial.join(name);
+        fs::create_dir_all(&folder)
+            .map_err(|e| Error::io(&folder, "cannot make this folder", e))?;
+        Ok(folder)
+    }
+
     /// Writes text file `name`; its size.
     ///
     /// # Errors

@@ -57,6 +57,9 @@ pub struct DomainRecipe {
 pub struct RefinementRecipe {
     /// Refinement factor between all levels: 2 or 4.
     pub factor: u32,
+    /// Refinement factors level by level, from the root, instead of `factor`; in layouts that
+    /// allow for it.
+    pub factors: Option<Vec<u32>>,
     /// Deepest level, 0 = root grid.
     pub max_level: u32,
     /// Varies the grids' shapes and the noise.
@@ -101,7 +104,7 @@ pub struct ThresholdRecipe {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OutputRecipe {
-    /// The layout: `enzo`, `athena++` or `flash`.
+    /// The layout: `enzo`, `amrex`, `athena++`, `flash` or `athena`.
     pub format: String,
     /// Cells of a block, where the layout is a tree of equal blocks.
     pub block: [u32; 3],
@@ -111,7 +114,8 @@ pub struct OutputRecipe {
     pub fields: Vec<String>,
     /// Cells under finer grids.
     pub covered: Covered,
-    /// Largest size of one `.cpuNNNN` file, MiB (a single grid may exceed it).
+    /// Largest size of one file of values, MiB (a single grid may exceed it); in layouts that
+    /// put several grids in a file.
     pub file_mib: f64,
     /// Whether to write `.hierarchy.hdf5`; where not given: up to 2000 grids.
     pub hierarchy_hdf5: Option<bool>,
@@ -138,6 +142,14 @@ impl Precision {
         match self {
             Self::F32 => 4,
             Self::F64 => 8,
+        }
+    }
+
+    /// Values as they are stored, little-endian.
+    pub(super) fn stored(self, values: &[f64]) -> Vec<u8> {
+        match self {
+            Self::F32 => values.iter().flat_map(|&v| (v as f32).to_le_bytes()).collect(),
+            Self::F64 => values.iter().flat_map(|v| v.to_le_bytes()).collect(),
         }
     }
 }
@@ -189,7 +201,14 @@ pub(super) const FIELD_NAMES: [&str; 5] =
 
 impl Default for RefinementRecipe {
     fn default() -> Self {
-        Self { factor: 2, max_level: 0, seed: 0, centre: Vec::new(), threshold: None }
+        Self {
+            factor: 2,
+            factors: None,
+            max_level: 0,
+            seed: 0,
+            centre: Vec::new(),
+            threshold: None,
+        }
     }
 }
 
@@ -271,7 +290,36 @@ impl Recipe {
     /// # Errors
     /// Refinement that [`Levels::from_factors`] refuses.
     pub fn levels(&self) -> Result<Levels> {
-        Levels::from_factors(&vec![self.refinement.factor; self.refinement.max_level as usize])
+        match &self.refinement.factors {
+            Some(factors) => Levels::from_factors(factors),
+            None => Levels::from_factors(&vec![
+                self.refinement.factor;
+                self.refinement.max_level as usize
+            ]),
+        }
+    }
+
+    /// The same recipe in another layout.
+    ///
+    /// # Errors
+    /// A layout that there is not.
+    pub fn with_format(mut self, format: &str) -> Result<Self> {
+        format.clone_into(&mut self.output.format);
+        self.validate()?;
+        Ok(self)
+    }
+
+    /// The refinement factor between all levels, for layouts that have but one.
+    pub(super) fn one_factor(&self) -> Result<u32> {
+        match self.refinement.factors.as_deref() {
+            None => Ok(self.refinement.factor),
+            Some([]) => Ok(2),
+            Some([first, others @ ..]) if others.iter().all(|factor| factor == first) => Ok(*first),
+            Some(factors) => Err(Error::request(format!(
+                "refinement.factors: {factors:?} differ, but {} has one factor for all levels",
+                self.output.format
+            ))),
+        }
     }
 
     /// Whether the text hierarchy is too short for the recipe's depth.

@@ -33,8 +33,9 @@ const UNTIDY: [&str; 6] = ["small", "jumps", "offdomain", "factor4", "deep25", "
 fn grids_lie_in_one_parent_each_and_never_overlap() {
     for name in UNTIDY {
         let grids = Grids::new(&provided(name)).unwrap();
-        let (all, factor) = (all_grids(&grids), grids.factor());
+        let all = all_grids(&grids);
         for (i, grid) in all.iter().enumerate() {
+            let factor = grid.level.checked_sub(1).map_or(1, |above| grids.factor(above));
             let same = all[i + 1..].iter().filter(|other| other.level == grid.level);
             for other in same {
                 assert!(grid.cells.intersection(&other.cells).is_empty(), "{name}: {grid:?}");
@@ -204,7 +205,7 @@ fn check_grid(grids: &Grids, grid: &Grid, values: &[f64], average: bool, sums: &
     for (at, &value) in (0..).zip(values) {
         let within = [at % size[0], at / size[0] % size[1], at / size[0] / size[1]];
         let index: [i128; 3] = std::array::from_fn(|a| grid.cells.lo[a] + within[a]);
-        let fine = index.map(|i| i * grids.factor());
+        let fine = index.map(|i| i * grids.factor(grid.level));
         let covered = children
             .iter()
             .any(|child| child.contains(&IndexBox { lo: fine, hi: fine.map(|i| i + 1) }));

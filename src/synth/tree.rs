@@ -82,17 +82,17 @@ impl BlockTree {
     /// A refinement factor that is not 2, blocks that do not make up the root grid, and more
     /// blocks than fit into memory.
     pub(super) fn new(recipe: &Recipe, grids: &Grids) -> Result<Self> {
+        let factor = recipe.one_factor()?;
+        if factor != 2 {
+            return Err(Error::request(format!(
+                "refinement.factor: {factor} in a tree of blocks, which needs 2"
+            )));
+        }
         let (size, root) = (recipe.output.block, recipe.domain.root);
         let odd = recipe.refinement.max_level > 0 && size.iter().any(|n| n % 2 == 1);
         if odd || (0..3).any(|a| size[a] == 0 || !root[a].is_multiple_of(size[a].into())) {
             return Err(Error::request(format!(
                 "output.block: {size:?} cells must be even and divide the root grid's {root:?}"
-            )));
-        }
-        if recipe.refinement.factor != 2 {
-            return Err(Error::request(format!(
-                "refinement.factor: {} in a tree of blocks, which needs 2",
-                recipe.refinement.factor
             )));
         }
         let cells: u64 = size.iter().map(|&n| u64::from(n)).product();

@@ -67,7 +67,7 @@ fn cover(
     covered: Covered,
     values: &mut [Vec<f64>],
 ) {
-    let factor = grids.factor();
+    let factor = grids.factor(grid.level);
     let under = IndexBox {
         lo: child.lo.map(|i| i.div_euclid(factor)),
         hi: child.hi.map(|i| i.div_euclid(factor)),

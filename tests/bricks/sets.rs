@@ -19,7 +19,7 @@ impl Set {
     /// Writes the synthetic set of `recipe`.
     pub(crate) fn of_recipe(name: &str, recipe: &Recipe) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let input = synth::write(recipe, folder.path(), &mut |_, _| {}).unwrap().parameter_file;
+        let input = synth::write(recipe, folder.path(), &mut |_, _| {}).unwrap().input;
         Self { name: name.into(), input, folder }
     }
 

@@ -94,10 +94,9 @@ fn field(source: &dyn Source, facts: &Value) -> usize {
     source.hierarchy().fields.iter().position(|field| field.name == name).unwrap()
 }
 
-/// Compares a source whose grids are leaves only with its facts: the domain, grids and cells of
-/// each level, extrema and sum, and the level, cell and value at each sample point.
-pub(crate) fn check_leaves(source: &dyn Source, facts: &Value) {
-    let (hierarchy, field) = (source.hierarchy(), field(source, facts));
+/// Compares domain, root grid and depth with the facts.
+pub(crate) fn check_domain(source: &dyn Source, facts: &Value) {
+    let hierarchy = source.hierarchy();
     let domain = &hierarchy.domain;
     for (found, key) in [(domain.left(), "domain_left_edge"), (domain.right(), "domain_right_edge")]
     {
@@ -106,15 +105,37 @@ pub(crate) fn check_leaves(source: &dyn Source, facts: &Value) {
     let roots = [0, 1, 2].map(|a| facts["base_cells"][a].as_u64().unwrap());
     assert_eq!(domain.root_cells(), roots);
     assert_eq!(hierarchy.levels.count() as u64, facts["max_level"].as_u64().unwrap() + 1);
+}
 
+/// Compares level, cell and value of every sample point, by looking through all grids from the
+/// finest.
+pub(crate) fn check_samples(source: &dyn Source, facts: &Value) {
+    let field = field(source, facts);
     let mut grids = grids(source);
     grids.sort_by_key(|grid| std::cmp::Reverse(grid.level));
-    let data: HashMap<u64, Vec<f64>> =
-        grids.iter().map(|grid| (grid.id, read_whole(source, grid, field))).collect();
+    let mut data: HashMap<u64, Vec<f64>> = HashMap::new();
+    for sample in samples(facts) {
+        let (grid, cell) = find(&grids, source.hierarchy(), &point(sample)).unwrap();
+        assert_eq!(Some(u64::from(grid.level)), sample["level"].as_u64(), "{sample}");
+        let stated = [0, 1, 2].map(|a| i128::from(sample["cell"][a].as_i64().unwrap()));
+        assert_eq!(cell, stated, "{sample}");
+        let values = data.entry(grid.id).or_insert_with(|| read_whole(source, grid, field));
+        let [x, y, z] = [0, 1, 2].map(|a| (cell[a] - grid.lo[a]) as usize);
+        let [nx, ny, _] = grid.size.map(|n| n as usize);
+        close(values[x + nx * (y + ny * z)], &sample["value"], 0.0);
+    }
+}
+
+/// Compares a source whose grids are leaves only with its facts: the domain, grids and cells of
+/// each level, extrema and sum, and the level, cell and value at each sample point.
+pub(crate) fn check_leaves(source: &dyn Source, facts: &Value) {
+    let (hierarchy, field) = (source.hierarchy(), field(source, facts));
+    let domain = &hierarchy.domain;
+    check_domain(source, facts);
     let (mut counts, mut cells) = (BTreeMap::new(), BTreeMap::new());
     let (mut min, mut max, mut sum) = (f64::INFINITY, f64::NEG_INFINITY, 0.0);
-    for grid in &grids {
-        let values = &data[&grid.id];
+    for grid in grids(source) {
+        let values = read_whole(source, &grid, field);
         *counts.entry(grid.level).or_insert(0) += 1;
         *cells.entry(grid.level).or_insert(0) += values.len() as u64;
         let octree = hierarchy.levels.octree(grid.level as usize).unwrap();
@@ -129,15 +150,7 @@ pub(crate) fn check_leaves(source: &dyn Source, facts: &Value) {
     close(max, &facts["leaf_max"], 0.0);
     close(sum, &facts["sum_field_times_cell_volume"], 1e-9);
 
-    for sample in samples(facts) {
-        let (grid, cell) = find(&grids, hierarchy, &point(sample)).unwrap();
-        assert_eq!(Some(u64::from(grid.level)), sample["level"].as_u64(), "{sample}");
-        let stated = [0, 1, 2].map(|a| i128::from(sample["cell"][a].as_u64().unwrap()));
-        assert_eq!(cell, stated, "{sample}");
-        let [x, y, z] = [0, 1, 2].map(|a| (cell[a] - grid.lo[a]) as usize);
-        let [nx, ny, _] = grid.size.map(|n| n as usize);
-        close(data[&grid.id][x + nx * (y + ny * z)], &sample["value"], 0.0);
-    }
+    check_samples(source, facts);
 }
 
 /// Ingests a source and compares the cache with the facts: grids and leaf cells of each level,

@@ -96,7 +96,7 @@ impl Subject {
         let folder = folder()?;
         let recipe = Recipe::parse(recipe, name).map_err(|e| e.to_string())?;
         let written = synth::write(&recipe, folder.path(), &mut |_, _| {});
-        let input = written.map_err(|e| e.to_string())?.parameter_file;
+        let input = written.map_err(|e| e.to_string())?.input;
         Self::new(name, input, folder)
     }
 

@@ -4,7 +4,7 @@ use super::listing::{Edge, ListedGrid};
 use super::parameters::Parameters;
 use crate::Result;
 use crate::source::GridRecord;
-use crate::space::{Decimal, FRACTION_BITS, IndexBox, Levels};
+use crate::space::{Decimal, IndexBox, Levels};
 
 /// Largest distance of an edge from the lattice, and largest error of a printed one, in cells of
 /// the grid's level. Doubles have two units in the last place to a cell at level 47 of a 16³
@@ -107,18 +107,14 @@ fn corner(
         .map_err(|e| e.to_string())?
         .try_into()
         .map_err(|_| "a corner needs three coordinates".to_owned())?;
-    let position = domain.position(&exact).map_err(|e| e.to_string())?;
-    let shift = FRACTION_BITS - octree;
-    let mut index = [0; 3];
+    let (index, off) = domain.nearest_corner(octree, &exact).map_err(|e| e.to_string())?;
     for a in 0..3 {
-        index[a] = (position.0[a] + (1 << (shift - 1))) >> shift;
-        let deviation = (position.0[a] - (index[a] << shift)) as f64 * (-f64::from(shift)).exp2();
-        if deviation.abs() > LARGEST_DEVIATION {
+        if off[a].abs() > LARGEST_DEVIATION {
             return Err(format!(
                 "its edge {} along {} lies {:.2} cells from the lattice of level {level}",
                 edges[a].value(),
                 AXES[a],
-                deviation.abs()
+                off[a].abs()
             ));
         }
     }

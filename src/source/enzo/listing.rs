@@ -1,6 +1,7 @@
 //! A grid as a hierarchy file lists it, before it is placed on its level's lattice.
 
 use crate::Result;
+use crate::source::lines::printing_error;
 use crate::space::Decimal;
 
 /// Digits that Enzo prints of an edge (`%.14g`).
@@ -31,20 +32,11 @@ impl Edge {
         }
     }
 
-    /// Largest difference from the number that the code held: half a unit of the last printed
-    /// digit. Trailing zeros aren't printed, so fewer digits don't mean a larger error; more do
-    /// mean a smaller one.
+    /// Largest difference from the number that the code held.
     pub(super) fn error(&self) -> f64 {
         match self {
-            Self::Printed(text, value) if *value != 0.0 => {
-                let mantissa = text.split(['e', 'E']).next().unwrap_or("");
-                let digits = mantissa.trim_start_matches(['-', '+', '0', '.']).bytes();
-                let digits = digits.filter(u8::is_ascii_digit).count();
-                let digits = i32::try_from(digits).unwrap_or(i32::MAX).clamp(PRINTED_DIGITS, 300);
-                let leading = value.abs().log10().floor();
-                0.5 * 10f64.powf(leading - f64::from(digits - 1))
-            }
-            _ => 0.0,
+            Self::Printed(text, value) => printing_error(text, *value, PRINTED_DIGITS),
+            Self::Exact(_) => 0.0,
         }
     }
 }

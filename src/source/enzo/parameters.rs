@@ -5,6 +5,7 @@ use std::io::Read;
 use std::path::Path;
 use std::str::FromStr;
 
+use crate::source::lines::shown;
 use crate::space::Domain;
 use crate::{Error, Result};
 
@@ -145,11 +146,6 @@ pub(super) fn parse_list<T: FromStr, const N: usize>(text: &str) -> Option<[T; N
         list.push(words.next()?.parse().ok()?);
     }
     list.try_into().ok()
-}
-
-/// At most 60 characters of `text`, for messages.
-pub(super) fn shown(text: &str) -> String {
-    text.chars().take(60).collect()
 }
 
 fn first(text: &str) -> &str {

@@ -1,15 +1,11 @@
 //! The text hierarchy: `Key = values` lines, one group of them a grid, read as a stream.
 
-use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
 use super::listing::{Edge, ListedGrid};
-use super::parameters::{parse_list, shown};
+use super::parameters::parse_list;
+use crate::source::lines::{Lines, shown};
 use crate::{Error, Result};
-
-/// Longest line accepted.
-const LONGEST_LINE: u64 = 1 << 16;
 
 /// Hands every grid of the hierarchy at `path` to `visit`.
 ///
@@ -20,19 +16,10 @@ pub(super) fn for_each_grid(
     path: &Path,
     visit: &mut dyn FnMut(ListedGrid) -> Result<()>,
 ) -> Result<()> {
-    let file = File::open(path).map_err(|e| Error::io(path, "cannot open the hierarchy", e))?;
-    read_grids(path, BufReader::with_capacity(1 << 16, file), visit)
-}
-
-fn read_grids(
-    path: &Path,
-    mut input: impl BufRead,
-    visit: &mut dyn FnMut(ListedGrid) -> Result<()>,
-) -> Result<()> {
-    let mut lines = Lines { path, number: 0, buffer: Vec::new() };
+    let mut lines = Lines::open(path)?;
     let mut grid: Option<Draft> = None;
     let (mut largest, mut pointed) = (0, 0);
-    while let Some(line) = lines.next(&mut input)? {
+    while let Some(line) = lines.next()? {
         if let Some(target) = pointer(&line) {
             pointed = pointed.max(target);
             continue;
@@ -40,13 +27,13 @@ fn read_grids(
         let Some((key, value)) = line.split_once('=') else { continue };
         let (key, value) = (key.trim(), value.trim());
         if key == "Grid" {
-            let id = value.parse().map_err(|_| lines.fault(&line))?;
+            let id = value.parse().map_err(|_| malformed(&lines, &line))?;
             if let Some(done) = grid.replace(Draft { id, ..Draft::default() }) {
                 visit(done.finish(path)?)?;
             }
             largest = largest.max(id);
         } else if let Some(grid) = &mut grid {
-            grid.take(key, value).ok_or_else(|| lines.fault(&line))?;
+            grid.take(key, value).ok_or_else(|| malformed(&lines, &line))?;
         }
     }
     if let Some(done) = grid {
@@ -59,40 +46,13 @@ fn read_grids(
     Ok(())
 }
 
+fn malformed(lines: &Lines, line: &str) -> Error {
+    lines.fault(&format!("`{}` is malformed", shown(line.trim())))
+}
+
 /// The grid that a line `Pointer: Grid[1]->NextGridThisLevel = 2` names.
 fn pointer(line: &str) -> Option<u64> {
     line.strip_prefix("Pointer:")?.rsplit_once('=')?.1.trim().parse().ok()
-}
-
-struct Lines<'a> {
-    path: &'a Path,
-    number: u64,
-    buffer: Vec<u8>,
-}
-
-impl Lines<'_> {
-    fn next(&mut self, input: &mut impl BufRead) -> Result<Option<String>> {
-        self.buffer.clear();
-        self.number += 1;
-        let read = input
-            .take(LONGEST_LINE)
-            .read_until(b'\n', &mut self.buffer)
-            .map_err(|e| Error::io(self.path, "cannot read the hierarchy", e))?;
-        if read as u64 == LONGEST_LINE {
-            return Err(Error::invalid(
-                format!("{}: line {}", self.path.display(), self.number),
-                "is too long for a text hierarchy",
-            ));
-        }
-        Ok((read > 0).then(|| String::from_utf8_lossy(&self.buffer).into_owned()))
-    }
-
-    fn fault(&self, line: &str) -> Error {
-        Error::invalid(
-            format!("{}: line {}", self.path.display(), self.number),
-            format!("`{}` is malformed", shown(line.trim())),
-        )
-    }
 }
 
 /// A grid whose lines are being read.

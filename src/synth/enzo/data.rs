@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::{data_file, particles};
 use crate::Result;
 use crate::synth::grids::{Grid, Grids};
-use crate::synth::hdf5::{save, stored_bytes, stored_type};
+use crate::synth::hdf5::{save, stored_type};
 use crate::synth::noise::hash;
 use crate::synth::output::OutputFolder;
 use crate::synth::recipe::Recipe;
@@ -42,7 +42,7 @@ impl<'a> DataFiles<'a> {
     /// Adds a grid; the number of the file that holds it.
     pub(super) fn add(&mut self, grid: Grid) -> Result<u32> {
         let output = &self.recipe.output;
-        let bytes = cells(&grid) * output.fields.len() as u64 * output.precision.bytes();
+        let bytes = grid.count() * output.fields.len() as u64 * output.precision.bytes();
         let full = (output.file_mib * 1024.0 * 1024.0) as u64;
         if !self.batch.is_empty() && self.batch_bytes + bytes > full {
             self.write_batch()?;
@@ -79,7 +79,7 @@ impl<'a> DataFiles<'a> {
         }
         let path = self.folder.file(&data_file(&self.recipe.name, self.file));
         self.bytes_written += save(builder, &path)?;
-        self.cells_written += self.batch.iter().map(cells).sum::<u64>();
+        self.cells_written += self.batch.iter().map(Grid::count).sum::<u64>();
         self.batch.clear();
         self.batch_bytes = 0;
         Ok(())
@@ -89,7 +89,7 @@ impl<'a> DataFiles<'a> {
     fn evaluated(&self, grid: &Grid) -> Vec<(usize, Vec<u8>)> {
         let output = &self.recipe.output;
         let values = grid_values(self.grids, grid, &output.fields, output.covered);
-        let stored = values.iter().map(|field| stored_bytes(field, output.precision));
+        let stored = values.iter().map(|field| output.precision.stored(field));
         let mut fields: Vec<_> = stored.enumerate().collect();
         if output.shuffle_fields {
             let turns = hash(&[grid.id]) as usize % fields.len().max(1);
@@ -103,13 +103,9 @@ impl<'a> DataFiles<'a> {
         let [x, y, z] = grid.cells.size().map(|n| n as u64);
         group
             .create_dataset(&self.recipe.output.fields[field])
-            .with_raw_data(datatype, bytes, cells(grid))
+            .with_raw_data(datatype, bytes, grid.count())
             .with_shape(&[z, y, x]);
     }
-}
-
-fn cells(grid: &Grid) -> u64 {
-    grid.cells.size().iter().product::<i128>() as u64
 }
 
 /// Particles at made-up places of a grid, one dataset a property as Enzo stores them.

@@ -34,11 +34,12 @@ pub(super) const LAYOUT: Layout = Layout { name: "enzo", write };
 /// Writes the data set, as [`crate::synth::write`] says. Memory depends on the largest grid and
 /// the deepest level.
 fn write(recipe: &Recipe, directory: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<Summary> {
+    let factor = recipe.one_factor()?;
     let grids = Grids::new(recipe)?;
     let totals = count(&grids)?;
     let with_hdf5 = wants_hdf5_hierarchy(recipe, &grids, totals)?;
     let folder = OutputFolder::create(directory, &recipe.name, &recipe.name)?;
-    let mut bytes = parameters::write(recipe, &folder, totals)?;
+    let mut bytes = parameters::write(recipe, factor, &folder, totals)?;
     let mut text = HierarchyText::create(recipe, &folder)?;
     let mut data = DataFiles::new(recipe, &grids, &folder);
     let mut listed = Vec::new();
@@ -66,9 +67,9 @@ fn write(recipe: &Recipe, directory: &Path, progress: &mut dyn FnMut(u64, u64)) 
     if with_hdf5 {
         bytes += hierarchy_hdf5::write(recipe, &grids, &listed, &folder)?;
     }
-    let parameter_file = folder.finish()?.join(&recipe.name);
+    let input = folder.finish()?.join(&recipe.name);
     let Totals { levels, grids, cells } = totals;
-    Ok(Summary { parameter_file, levels, grids, cells, bytes })
+    Ok(Summary { input, levels, grids, cells, bytes })
 }
 
 /// Counts grids and cells, and checks that doubles can tell the grids' edges apart.
@@ -77,7 +78,7 @@ fn count(grids: &Grids) -> Result<Totals> {
     grids.for_each(&mut |grid| {
         totals.levels = totals.levels.max(grid.level + 1);
         totals.grids += 1;
-        totals.cells += grid.cells.size().iter().product::<i128>() as u64;
+        totals.cells += grid.count();
         check_edges(grids, &grid)
     })?;
     Ok(totals)

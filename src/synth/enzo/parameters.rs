@@ -8,11 +8,16 @@ use crate::synth::output::{MARK, OutputFolder};
 use crate::synth::recipe::Recipe;
 
 /// Writes the parameter file; its size.
-pub(super) fn write(recipe: &Recipe, folder: &OutputFolder, totals: Totals) -> Result<u64> {
-    folder.write_text(&recipe.name, &text(recipe, totals))
+pub(super) fn write(
+    recipe: &Recipe,
+    factor: u32,
+    folder: &OutputFolder,
+    totals: Totals,
+) -> Result<u64> {
+    folder.write_text(&recipe.name, &text(recipe, factor, totals))
 }
 
-fn text(recipe: &Recipe, totals: Totals) -> String {
+fn text(recipe: &Recipe, factor: u32, totals: Totals) -> String {
     let domain = &recipe.domain;
     let mut text = format!("{MARK}\n");
     // Writing to a string cannot fail.
@@ -24,7 +29,7 @@ fn text(recipe: &Recipe, totals: Totals) -> String {
     line("TopGridRank", &3);
     line("TopGridDimensions", &three(&domain.root));
     line("NumberOfParticles", &format!("{} (do not modify)", all_particles(recipe, totals)));
-    line("RefineBy", &recipe.refinement.factor);
+    line("RefineBy", &factor);
     line("MaximumRefinementLevel", &(totals.levels - 1));
     line("Gamma", &"1.6667");
     line("HydroMethod", &0);

@@ -9,7 +9,7 @@ use std::path::Path;
 use hdf5_pure::{FileBuilder, LibVer};
 
 use super::grids::Grids;
-use super::hdf5::{save, stored_bytes, stored_type};
+use super::hdf5::{save, stored_type};
 use super::output::{MARK, OutputFolder};
 use super::recipe::{Precision, Recipe};
 use super::tree::BlockTree;
@@ -51,8 +51,8 @@ fn write(recipe: &Recipe, directory: &Path, progress: &mut dyn FnMut(u64, u64)) 
     let name = format!("{}_hdf5_{kind}_0000", recipe.name);
     bytes += save(builder, &folder.file(&name))?;
     let levels = tree.blocks.iter().map(|block| block.level + 1).max().unwrap_or(0);
-    let parameter_file = folder.finish()?.join(name);
-    Ok(Summary { parameter_file, levels, grids: tree.blocks.len() as u64, cells, bytes })
+    let input = folder.finish()?.join(name);
+    Ok(Summary { input, levels, grids: tree.blocks.len() as u64, cells, bytes })
 }
 
 fn add_variables(
@@ -68,7 +68,7 @@ fn add_variables(
     for (number, field) in recipe.output.fields.iter().enumerate() {
         let name = NAMES.iter().find(|(known, _)| known == field).map_or("dens", |known| known.1);
         let bytes: Vec<u8> =
-            values.iter().flat_map(|block| stored_bytes(&block[number], precision)).collect();
+            values.iter().flat_map(|block| precision.stored(&block[number])).collect();
         let data = builder.create_dataset(name);
         data.with_raw_data(stored_type(precision), bytes, shape.iter().product());
         data.with_shape(&shape);

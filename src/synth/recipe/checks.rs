@@ -38,6 +38,13 @@ impl Recipe {
                  as the text's 14 digits no longer tell where a grid lies"
             )));
         }
+        let given = refinement.factors.as_ref().map_or(refinement.max_level as usize, Vec::len);
+        if given != refinement.max_level as usize {
+            return Err(Error::request(format!(
+                "refinement.factors: {given} of them, but refinement.max_level is {}",
+                refinement.max_level
+            )));
+        }
         for centre in &refinement.centre {
             if centre.half_size.iter().any(|&n| n == 0 || n > 64) {
                 return Err(Error::request("refinement.centre.half_size: 1 to 64 cells"));

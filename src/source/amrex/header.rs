@@ -1,0 +1,202 @@
+//! The plotfile's `Header`.
+
+use std::path::Path;
+
+use super::text::{PrintedBox, numbers, stays_inside};
+use crate::source::lines::{Lines, shown};
+use crate::space::{Domain, IndexBox, Levels, MAX_OCTREE_LEVEL};
+use crate::{Error, Result};
+
+/// Most components accepted.
+const MOST_COMPONENTS: usize = 100_000;
+
+/// What the `Header` says.
+#[derive(Debug)]
+pub(super) struct Header {
+    /// Names of the components of every grid, in order.
+    pub(super) components: Vec<String>,
+    /// Code time.
+    pub(super) time: Option<f64>,
+    /// The simulated box and root grid.
+    pub(super) domain: Domain,
+    /// The levels, root grid first.
+    pub(super) levels: Levels,
+    /// By level, the indices of the whole domain there.
+    pub(super) extents: Vec<IndexBox>,
+    /// By level, the grids.
+    pub(super) grids: Vec<LevelGrids>,
+}
+
+/// The grids of a level.
+#[derive(Debug)]
+pub(super) struct LevelGrids {
+    /// How many there are.
+    pub(super) count: u64,
+    /// What files of their data begin with, from the plotfile: `Level_0/Cell`.
+    pub(super) data: String,
+}
+
+/// The first lines: component names and dimension.
+fn components(lines: &mut Lines) -> Result<(Vec<String>, i64)> {
+    lines.expect("the version")?;
+    let count = lines.parse("the number of components", |text| {
+        text.parse().ok().filter(|count| (1..=MOST_COMPONENTS).contains(count))
+    })?;
+    let mut names = Vec::new();
+    for _ in 0..count {
+        names.push(lines.expect("a component's name")?);
+    }
+    let dimension = lines.parse("the dimension", |text| {
+        text.parse().ok().filter(|dimension| (1..=3).contains(dimension))
+    })?;
+    Ok((names, dimension))
+}
+
+/// Whether the file at `path` begins as the `Header` of a plotfile does.
+pub(super) fn looks_right(path: &Path) -> bool {
+    let begins = || -> Result<()> {
+        let mut lines = Lines::open(path)?;
+        let (_, dimension) = components(&mut lines)?;
+        lines.parse("the time", float)?;
+        finest_level(&mut lines)?;
+        let edges = |text: &str| Some(text.split_whitespace().count() as i64 == dimension);
+        let printed = lines.parse("the domain's edges", edges)?;
+        if printed { Ok(()) } else { Err(lines.fault("no edges")) }
+    };
+    begins().is_ok()
+}
+
+fn finest_level(lines: &mut Lines) -> Result<usize> {
+    let level: u32 = lines.parse("the finest level", |text| text.parse().ok())?;
+    if level > MAX_OCTREE_LEVEL {
+        let reason = format!("finest level {level}: at most {MAX_OCTREE_LEVEL} are supported");
+        return Err(lines.fault(&reason));
+    }
+    Ok(level as usize)
+}
+
+fn float(text: &str) -> Option<f64> {
+    text.parse().ok()
+}
+
+impl Header {
+    /// Reads the `Header` at `path`. What follows the levels is left alone: codes append lines
+    /// of their own there.
+    ///
+    /// # Errors
+    /// A file that cannot be read, is malformed or contradicts itself, and runs that are not
+    /// three-dimensional and Cartesian.
+    pub(super) fn read(path: &Path) -> Result<Self> {
+        let mut lines = Lines::open(path)?;
+        let (components, dimension) = components(&mut lines)?;
+        if dimension != 3 {
+            let reason = format!("dimension {dimension}: only three-dimensional runs can be read");
+            return Err(Error::not_supported(path.display(), reason));
+        }
+        let time = lines.parse("the time", float)?;
+        let finest = finest_level(&mut lines)?;
+        let left = lines.parse("the domain's lower edges", edges)?;
+        let right = lines.parse("the domain's upper edges", edges)?;
+        let stated = lines.parse("the refinement ratios", numbers)?;
+        let extents = extents(&mut lines, finest + 1)?;
+        let factors = factors(&extents, &stated).map_err(|reason| lines.fault(&reason))?;
+        let invalid = |e: Error| Error::not_supported(path.display(), e.to_string());
+        let levels = Levels::from_factors(&factors).map_err(invalid)?;
+        let root = extents.first().map_or([0; 3], IndexBox::size);
+        let root = root.map(|cells| u64::try_from(cells).unwrap_or(0));
+        let domain = Domain::new(left, right, root).map_err(invalid)?;
+        lines.expect("the steps")?;
+        for _ in 0..=finest {
+            lines.expect("the cells' widths")?;
+        }
+        check_coordinates(&mut lines, path)?;
+        lines.expect("the boundary's width")?;
+        let grids: Result<_> = (0..=finest).map(|level| level_grids(&mut lines, level)).collect();
+        let time = Some(time).filter(|time| time.is_finite());
+        Ok(Self { components, time, domain, levels, extents, grids: grids? })
+    }
+}
+
+fn edges(text: &str) -> Option<[f64; 3]> {
+    let edges: Option<Vec<f64>> = text.split_whitespace().map(float).collect();
+    edges?.try_into().ok()
+}
+
+/// The line with the domain's indices at each of `count` levels.
+fn extents(lines: &mut Lines, count: usize) -> Result<Vec<IndexBox>> {
+    let numbers = lines.parse("the index box of each level", |text| {
+        numbers(text).filter(|numbers| numbers.len() == 9 * count)
+    })?;
+    let boxes = numbers.chunks_exact(9).filter_map(PrintedBox::from_numbers);
+    let mut extents = Vec::new();
+    for (level, printed) in boxes.enumerate() {
+        let place = |reason: String| lines.fault(&format!("the domain at level {level}: {reason}"));
+        printed.size().map_err(place)?;
+        extents.push(printed.cells);
+    }
+    Ok(extents)
+}
+
+/// The refinement factors between levels, from the domain's indices; `stated` are those that the
+/// file gives, which some codes leave out.
+///
+/// # Errors
+/// The reason, where a factor differs between axes or from what is stated.
+fn factors(extents: &[IndexBox], stated: &[i64]) -> Result<Vec<u32>, String> {
+    let mut factors = Vec::new();
+    for (level, pair) in extents.windows(2).enumerate() {
+        let (coarse, fine) = (pair[0].size(), pair[1].size());
+        let factor = fine[0] / coarse[0];
+        if (0..3).any(|a| coarse[a] * factor != fine[a]) {
+            return Err(format!(
+                "levels {level} and {} have {coarse:?} and {fine:?} cells: no one refinement \
+                 ratio for all axes",
+                level + 1
+            ));
+        }
+        if let Some(other) = stated.get(level).filter(|&&other| i128::from(other) != factor) {
+            return Err(format!(
+                "the refinement ratio after level {level} is stated as {other}, but the \
+                 domain's indices give {factor}"
+            ));
+        }
+        factors.push(u32::try_from(factor).map_err(|_| "a ratio is too large".to_owned())?);
+    }
+    Ok(factors)
+}
+
+/// AMReX's coordinate system: 0 Cartesian, 1 cylindrical, 2 spherical.
+fn check_coordinates(lines: &mut Lines, path: &Path) -> Result<()> {
+    let system: i64 = lines.parse("the coordinate system", |text| text.parse().ok())?;
+    if system != 0 {
+        let name = ["", " (cylindrical)", " (spherical)"].get(system.unsigned_abs() as usize);
+        let reason = format!(
+            "coordinate system {system}{}: only Cartesian runs (0) can be read",
+            name.unwrap_or(&"")
+        );
+        return Err(Error::not_supported(path.display(), reason));
+    }
+    Ok(())
+}
+
+/// One level's part: its grids' edges are skipped, as `Cell_H` has their exact indices.
+fn level_grids(lines: &mut Lines, level: usize) -> Result<LevelGrids> {
+    let what = format!("level {level} and its number of grids");
+    let count = lines.parse(&what, |text| {
+        let mut words = text.split_whitespace();
+        let stated: usize = words.next()?.parse().ok()?;
+        words.next()?.parse().ok().filter(|_| stated == level)
+    })?;
+    lines.expect("a level's steps")?;
+    for _ in 0..count {
+        for _ in 0..3 {
+            lines.parse("a grid's edges", |text| text.split_once(' ').map(|_| ()))?;
+        }
+    }
+    let data = lines.expect("the name of a level's data")?;
+    if !stays_inside(&data) {
+        let reason = format!("`{}` is no path inside the plotfile", shown(&data));
+        return Err(lines.fault(&reason));
+    }
+    Ok(LevelGrids { count, data })
+}

@@ -1,0 +1,148 @@
+//! Athena, the C code (Stone et al., *ApJS* 178, 2008; version 4.2), legacy VTK files, with static
+//! mesh refinement: one file a domain and process.
+
+mod files;
+mod header;
+mod lattice;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use header::Header;
+
+use super::{Format, GridBlock, GridRecord, Hierarchy, Source, SourceField};
+use crate::space::Levels;
+use crate::{Error, Result};
+
+/// How the reader is listed among the formats.
+pub(super) const FORMAT: Format = Format {
+    name: "athena",
+    looked_for: "a .vtk file whose title is `… time= …, level= …, domain= …`",
+    recognises,
+    open: |path| Ok(Box::new(Output::open(path)?)),
+};
+
+/// Names of the density, in the order in which they are looked for: the second is that of
+/// outputs of one variable.
+const DENSITIES: [&str; 2] = ["density", "d"];
+
+fn recognises(path: &Path) -> bool {
+    match path.is_dir() {
+        true => files::any(path).is_some_and(|file| header::looks_right(&file)),
+        false => header::looks_right(path),
+    }
+}
+
+/// One output of a run.
+struct Output {
+    path: PathBuf,
+    hierarchy: Hierarchy,
+    pieces: Vec<Piece>,
+}
+
+/// One file.
+struct Piece {
+    path: PathBuf,
+    header: Header,
+}
+
+impl Output {
+    fn open(path: &Path) -> Result<Self> {
+        let files = files::of_output(path)?;
+        let read = |path: PathBuf| Ok(Piece { header: Header::read(&path)?, path });
+        let pieces: Vec<Piece> = files.into_iter().map(read).collect::<Result<_>>()?;
+        let Some(first) = pieces.first() else {
+            return Err(Error::request(format!("{}: holds no .vtk files", path.display())));
+        };
+        let root: Vec<&Header> =
+            pieces.iter().map(|piece| &piece.header).filter(|header| header.level == 0).collect();
+        let invalid = |reason| Error::invalid(path.display(), reason);
+        let domain = lattice::domain(&root).map_err(invalid)?;
+        let deepest = pieces.iter().map(|piece| piece.header.level).max().unwrap_or(0);
+        let levels = Levels::from_factors(&vec![lattice::FACTOR; deepest as usize])?;
+        let fields = common_fields(&pieces)?;
+        if fields.is_empty() {
+            return Err(invalid(
+                "its files have no variable in common: nothing to read".to_owned(),
+            ));
+        }
+        let density = DENSITIES.iter().find_map(|name| fields.iter().position(|f| f == name));
+        let field = |name| SourceField { name, units: None, to_cgs: None };
+        let fields = fields.into_iter().map(field).collect();
+        let hierarchy = Hierarchy { domain, levels, fields, density, time: first.header.time };
+        Ok(Self { path: path.to_path_buf(), hierarchy, pieces })
+    }
+}
+
+/// Fields of the first file of every level, in its order.
+fn common_fields(pieces: &[Piece]) -> Result<Vec<String>> {
+    let mut first_of_levels: BTreeMap<u32, &Piece> = BTreeMap::new();
+    for piece in pieces {
+        first_of_levels.entry(piece.header.level).or_insert(piece);
+    }
+    let mut common: Option<Vec<String>> = None;
+    for piece in first_of_levels.into_values() {
+        let file = piece.open()?;
+        let variables = header::variables((&file, &piece.path), &piece.header, &|_| false)?;
+        let names: Vec<String> = variables.iter().flat_map(header::Variable::fields).collect();
+        common = Some(match common {
+            None => names,
+            Some(common) => common.into_iter().filter(|name| names.contains(name)).collect(),
+        });
+    }
+    Ok(common.unwrap_or_default())
+}
+
+impl Piece {
+    fn open(&self) -> Result<File> {
+        File::open(&self.path).map_err(|e| Error::io(&self.path, "cannot open", e))
+    }
+}
+
+impl Source for Output {
+    fn format(&self) -> &'static str {
+        FORMAT.name
+    }
+
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn hierarchy(&self) -> &Hierarchy {
+        &self.hierarchy
+    }
+
+    fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {
+        let Hierarchy { domain, levels, .. } = &self.hierarchy;
+        for (number, piece) in (0..).zip(&self.pieces) {
+            let record = lattice::place(&piece.header, domain, levels, number)
+                .map_err(|reason| Error::invalid(piece.path.display(), reason))?;
+            visit(record)?;
+        }
+        Ok(())
+    }
+
+    fn read(
+        &self,
+        grid: &GridRecord,
+        field: usize,
+        block: GridBlock,
+        out: &mut [f64],
+    ) -> Result<()> {
+        let piece = usize::try_from(grid.locator).ok().and_then(|number| self.pieces.get(number));
+        let piece = piece.ok_or_else(|| {
+            Error::invalid(self.path.display(), format!("has no grid {}", grid.id))
+        })?;
+        let name = self.hierarchy.fields.get(field).map_or("", |field| field.name.as_str());
+        let file = piece.open()?;
+        let has_it = |variable: &header::Variable| variable.fields().iter().any(|f| f == name);
+        let variables = header::variables((&file, &piece.path), &piece.header, &has_it)?;
+        let array = header::array(&variables, name).ok_or_else(|| {
+            Error::invalid(piece.path.display(), format!("has no variable for the field {name}"))
+        })?;
+        array.read((&file, &piece.path), block, out)
+    }
+}

@@ -1,0 +1,208 @@
+//! Tests of the Athena reader on small made-up outputs.
+
+use super::*;
+use crate::space::Domain;
+
+/// An output in the making: two processes share a root grid of 4 × 6 × 8 cells in
+/// [−1, 1] × [0, 3] × [0, 2]; one domain is refined, and in it another.
+struct Made {
+    folder: tempfile::TempDir,
+    files: Vec<(&'static str, String, u32)>,
+}
+
+fn header(level: u32, points: [u32; 3], origin: &str, spacing: &str) -> String {
+    let cells: u32 = points.iter().map(|n| n - 1).product();
+    format!(
+        "# vtk DataFile Version 2.0\nPRIMITIVE vars at time= 1.500000e+00, level= {level}, domain= \
+         0\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS {} {} {}\nORIGIN {origin} \nSPACING \
+         {spacing} \nCELL_DATA {cells} \n",
+        points[0], points[1], points[2]
+    )
+}
+
+impl Made {
+    fn new() -> Self {
+        let root = "5.000000e-01 5.000000e-01 2.500000e-01";
+        let files = [
+            ("id0/B.0001.vtk", 0, [3, 7, 9], "-1.000000e+00 0.000000e+00 0.000000e+00", root),
+            ("id1/B-id1.0001.vtk", 0, [3, 7, 9], "0.000000e+00 0.000000e+00 0.000000e+00", root),
+            (
+                "id0/lev1/B-lev1.0001.vtk",
+                1,
+                [5, 3, 5],
+                "-5.000000e-01 5.000000e-01 2.500000e-01",
+                "2.500000e-01 2.500000e-01 1.250000e-01",
+            ),
+            (
+                "id1/lev2/B-id1-lev2-dom1.0001.vtk",
+                2,
+                [5, 3, 5],
+                "-2.500000e-01 5.000000e-01 2.500000e-01",
+                "1.250000e-01 1.250000e-01 6.250000e-02",
+            ),
+        ];
+        let made = |(name, level, points, origin, spacing): (_, _, [u32; 3], _, _)| {
+            (name, header(level, points, origin, spacing), points.iter().map(|n| n - 1).product())
+        };
+        Self { folder: tempfile::tempdir().unwrap(), files: files.map(made).to_vec() }
+    }
+
+    /// Values are the file's number, then the variable's part, then the cell's place.
+    fn write(&self) {
+        for (number, (name, header, cells)) in self.files.iter().enumerate() {
+            let value = |part: u32, cell: u32| (1000 * (10 * number as u32 + part) + cell) as f32;
+            let mut bytes = header.clone().into_bytes();
+            bytes.extend(b"SCALARS density float\nLOOKUP_TABLE default\n");
+            bytes.extend((0..*cells).flat_map(|cell| value(0, cell).to_be_bytes()));
+            bytes.extend(b"\nVECTORS velocity float\n");
+            let parts = |cell| [1, 2, 3].map(|part| value(part, cell).to_be_bytes()).concat();
+            bytes.extend((0..*cells).flat_map(parts));
+            bytes.extend(b"\nSCALARS scalar[0] double 1\nLOOKUP_TABLE default\n");
+            bytes.extend((0..*cells).flat_map(|cell| f64::from(value(4, cell)).to_be_bytes()));
+            let path = self.folder.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, bytes).unwrap();
+        }
+    }
+
+    /// Every grid with all values of the field `field`.
+    fn read(&self, field: usize) -> Result<Vec<(GridRecord, Vec<f64>)>> {
+        let source = crate::source::open(self.folder.path(), Some("athena"))?;
+        let mut grids = Vec::new();
+        source.for_each_grid(&mut |grid| {
+            grids.push((grid, Vec::new()));
+            Ok(())
+        })?;
+        for (grid, values) in &mut grids {
+            let block = GridBlock { lo: [0; 3], size: grid.size };
+            values.resize(block.len(), 0.0);
+            source.read(grid, field, block, values)?;
+        }
+        Ok(grids)
+    }
+
+    /// What reading says after `from` is replaced by `to` in the header of file `number`.
+    fn edited(number: usize, from: &str, to: &str) -> Result<(), String> {
+        let mut made = Self::new();
+        assert!(made.files[number].1.contains(from), "{from}");
+        made.files[number].1 = made.files[number].1.replacen(from, to, 1);
+        made.write();
+        made.read(1).map(|_| ()).map_err(|error| error.to_string())
+    }
+}
+
+#[test]
+fn domains_of_all_levels_and_processes_are_found() {
+    let made = Made::new();
+    made.write();
+    let source = crate::source::open(&made.folder.path().join("id1/lev2"), None).unwrap();
+    let hierarchy = source.hierarchy();
+    assert_eq!(
+        (source.format(), hierarchy.time, hierarchy.density),
+        ("athena", Some(1.5), Some(0))
+    );
+    assert_eq!(
+        hierarchy.domain,
+        Domain::new([-1.0, 0.0, 0.0], [1.0, 3.0, 2.0], [4, 6, 8]).unwrap()
+    );
+    let names: Vec<&str> = hierarchy.fields.iter().map(|field| field.name.as_str()).collect();
+    assert_eq!(names, ["density", "velocity_x", "velocity_y", "velocity_z", "scalar[0]"]);
+    for field in 0..5 {
+        for (grid, values) in made.read(field).unwrap() {
+            let number = match (grid.level, grid.lo, grid.size) {
+                (0, [0, 0, 0], [2, 6, 8]) => 0,
+                (0, [2, 0, 0], [2, 6, 8]) => 1,
+                (1, [2, 2, 2], [4, 2, 4]) => 2,
+                (2, [6, 4, 4], [4, 2, 4]) => 3,
+                _ => panic!("{grid:?}"),
+            };
+            let expected =
+                (0..values.len()).map(|cell| (1000 * (10 * number + field) + cell) as f64);
+            assert_eq!(values, expected.collect::<Vec<_>>());
+        }
+    }
+}
+
+#[test]
+fn edges_are_what_few_digits_stand_for() {
+    let third = "3.333333e-01 3.333333e-01 3.333333e-01";
+    let mut made = Made::new();
+    made.files = vec![
+        ("B.0001.vtk", header(0, [4, 4, 4], "-1.000000e-01 0.000000e+00 0.000000e+00", third), 27),
+        (
+            "lev1/B-lev1.0001.vtk",
+            header(
+                1,
+                [3, 3, 3],
+                "2.333333e-01 3.333333e-01 6.666667e-01",
+                "1.666667e-01 1.666667e-01 1.666667e-01",
+            ),
+            8,
+        ),
+    ];
+    made.write();
+    let source = crate::source::open(made.folder.path(), None).unwrap();
+    assert_eq!(source.hierarchy().domain.right(), [0.9, 1.0, 1.0]);
+    assert_eq!(made.read(0).unwrap()[1].0.lo, [2, 2, 4]);
+}
+
+#[test]
+fn files_that_do_not_fit_are_named() {
+    for (number, from, to, expected) in [
+        (0, "BINARY", "ASCII", "`ASCII`: only binary"),
+        (0, "STRUCTURED_POINTS", "RECTILINEAR_GRID", "only uniform Cartesian grids"),
+        (0, "level= 0, domain= 0", "cycle= 3, variables= prim", "Athena's"),
+        (0, "3 7 9", "3 7 1", "three-dimensional"),
+        (0, "3 7 9", "3 7 8", "do not make the CELL_DATA's 96 cells"),
+        (0, "3 7 9", "3 7", "has no DIMENSIONS"),
+        (0, "CELL_DATA 96", "CELL_DATA x", "`CELL_DATA x"),
+        (0, "CELL_DATA", "POINT_DATA", "`POINT_DATA 96"),
+        (0, "ORIGIN -1.0", "ORIGIN nan -1.0", "has no ORIGIN"),
+        (0, "SPACING 5.0", "SPACING -5.0", "cells are -0.5 wide along x"),
+        (0, "level= 0", "level= 61", "level 61"),
+        (0, "level= 0", "level= 1", "its cells are 0.5 wide along x"),
+        (2, "level= 1", "level= 3", "its cells are 0.25 wide along x"),
+        (2, "ORIGIN -5.0", "ORIGIN -4.2", "lies 0.32 cells from the lattice of level 1"),
+        (2, "ORIGIN -5.0", "ORIGIN 9.9", "outside the domain"),
+        (2, "-5.000000e-01 5.0", "-5.000000e+99 5.0", "along"),
+        (2, "5 3 5", "9999999 999999 5", "do not make"),
+        (3, "CELL_DATA 32", "CELL_DATA 33", "do not make"),
+    ] {
+        let error = Made::edited(number, from, to).unwrap_err();
+        assert!(error.contains(expected), "{to}: {error}");
+    }
+    // Programs that join files may give the number of cells.
+    Made::edited(3, "5 3 5", "4 2 4").unwrap();
+}
+
+#[test]
+fn a_missing_root_level_and_cut_files_are_named() {
+    let mut made = Made::new();
+    made.files.drain(..2);
+    made.write();
+    assert!(made.read(0).unwrap_err().to_string().contains("no file is of level 0"));
+    let made = Made::new();
+    made.write();
+    let file = made.folder.path().join("id1/B-id1.0001.vtk");
+    let bytes = std::fs::read(&file).unwrap();
+    for cut in [bytes.len() - 1, 900] {
+        std::fs::write(&file, &bytes[..cut]).unwrap();
+        let error = made.read(4).unwrap_err().to_string();
+        assert!(error.contains("B-id1.0001.vtk") && error.contains("truncated"), "{error}");
+    }
+    std::fs::write(&file, &bytes[..300]).unwrap();
+    assert!(made.read(4).unwrap_err().to_string().contains("96 cells in a file of 300 bytes"));
+}
+
+#[test]
+fn a_run_of_several_outputs_is_told_apart_from_other_folders() {
+    let mut made = Made::new();
+    made.write();
+    made.files.truncate(2);
+    (made.files[0].0, made.files[1].0) = ("id0/B.0002.vtk", "id1/B-id1.0002.vtk");
+    made.write();
+    let error = crate::source::open(made.folder.path(), None).err().unwrap().to_string();
+    assert!(error.contains("holds 2 Athena outputs") && error.contains("B.0001.vtk"), "{error}");
+    assert!(recognises(&made.folder.path().join("id1/lev2")));
+    assert!(!recognises(tempfile::tempdir().unwrap().path()));
+}
