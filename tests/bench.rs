@@ -53,10 +53,13 @@ fn the_exact_picture_has_no_error_and_looser_ones_cost_less() {
     assert_eq!((number(exact, "error"), number(exact, "tolerance_absolute")), (0.0, 0.0));
     assert_eq!(number(exact, "reference_rays"), 1.0);
     for row in &rows {
-        let [seconds, bytes, samples] =
-            ["seconds", "bytes_read", "samples"].map(|c| number(row, c));
+        let [seconds, bytes, samples, tolerance] =
+            ["seconds", "bytes_read", "samples", "tolerance"].map(|c| number(row, c));
         assert!(seconds > 0.0 && bytes > 0.0 && samples > 0.0);
-        assert!(bytes <= number(exact, "bytes_read"));
+        // A tight tolerance may look at coarse bricks first and find that finer ones are needed:
+        // at most one for every eight, but where trees are ragged.
+        let most = number(exact, "bytes_read") * if tolerance > 0.01 { 1.0 } else { 1.3 };
+        assert!(bytes <= most, "{tolerance}: {bytes} of {most}");
         assert!(number(row, "error_relative") <= 1.0);
         assert!(number(row, "peak_rss_bytes") > 1e6);
     }

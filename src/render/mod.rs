@@ -202,9 +202,9 @@ const ATTEMPTS: u32 = 12;
 const EXACT: f64 = 1e-6;
 /// Rays of a picture whose pixels stand for areas, about, and of a pixel on average over a tile:
 /// where the bound needs more, it stays above the tolerance, and says so.
-const MOST_RAYS: u64 = 60_000_000;
-const MOST_RAYS_PER_PIXEL: u64 = 256;
-const FEWEST_RAYS_PER_PIXEL: u64 = 16;
+const MOST_RAYS: u64 = 16_000_000;
+const MOST_RAYS_PER_PIXEL: u64 = 64;
+const FEWEST_RAYS_PER_PIXEL: u64 = 8;
 
 impl<'s> Studio<'s> {
     /// By settings that ask nothing of the error.
