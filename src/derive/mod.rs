@@ -9,6 +9,9 @@ mod expression;
 mod grammar;
 mod units;
 
+#[cfg(test)]
+mod tests;
+
 use std::path::Path;
 
 use crate::source::{GridBlock, GridRecord, Hierarchy, Source, SourceField};
@@ -109,9 +112,13 @@ impl<'s> Derived<'s> {
     fn operand(&self, name: &str) -> Result<usize, String> {
         let fields = || self.hierarchy.fields.iter().map(|field| field.name.as_str());
         position(name, fields()).ok_or_else(|| {
-            let known = nearest_first(name, fields()).into_iter().map(grammar::written);
-            let known = known.collect::<Vec<_>>().join(", ");
-            format!("no field `{}`: there are {known}", name.escape_debug())
+            let known: Vec<String> =
+                nearest_first(name, fields()).into_iter().map(grammar::written).collect();
+            // Of `x-velocity` without braces, `x` is what is not found.
+            let start = format!("{{{name}").to_lowercase();
+            let meant = known.iter().find(|known| known.to_lowercase().starts_with(&start));
+            let meant = meant.map_or_else(String::new, |meant| format!(" (is {meant} meant?)"));
+            format!("no field `{}`{meant}: there are {}", name.escape_debug(), known.join(", "))
         })
     }
 
@@ -144,9 +151,14 @@ impl<'s> Derived<'s> {
                 None => self.source.read(grid, field, block, &mut values)?,
                 Some(derived) => {
                     let derived = &self.fields[derived];
-                    let of = |operand| needed.binary_search(operand).ok().map(|at| &computed[at][..]);
+                    let of =
+                        |operand| needed.binary_search(operand).ok().map(|at| &computed[at][..]);
                     let operands: Option<Vec<&[f64]>> = derived.operands.iter().map(of).collect();
-                    cells::evaluate(&derived.expression, &operands.unwrap_or_default(), &mut values);
+                    cells::evaluate(
+                        &derived.expression,
+                        &operands.unwrap_or_default(),
+                        &mut values,
+                    );
                     self.check(derived, grid, block, &values)?;
                 }
             }
@@ -166,9 +178,8 @@ impl<'s> Derived<'s> {
         let Some(at) = values.iter().position(|value| value.is_infinite()) else { return Ok(()) };
         let [nx, ny, _] = block.size.map(|n| n as usize);
         let local = [at % nx, at / nx % ny, at / nx / ny];
-        let cell: [i128; 3] = std::array::from_fn(|a| {
-            grid.lo[a] + i128::from(block.lo[a]) + local[a] as i128
-        });
+        let cell: [i128; 3] =
+            std::array::from_fn(|a| grid.lo[a] + i128::from(block.lo[a]) + local[a] as i128);
         Err(Error::invalid(
             self.path().display(),
             format!(
