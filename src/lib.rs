@@ -1,13 +1,14 @@
 //! Rendering of adaptive-mesh-refinement (AMR) simulations of any depth, within a memory limit.
 //!
 //! Data flow one way and a module knows only those before it (`docs/ARCHITECTURE.md`):
-//! [`space`] → [`source`] → [`ingest`] → [`cache`] → [`paging`] → [`scene`] → [`render`] →
-//! [`image`]. The binary's commands stand in [`cli`]; [`synth`] writes test data in the layouts
+//! [`space`] → [`source`] → [`derive`](mod@derive) → [`ingest`] → [`cache`] → [`paging`] → [`scene`] →
+//! [`render`] → [`image`]. The binary's commands stand in [`cli`]; [`synth`] writes test data in the layouts
 //! of simulation codes.
 
 pub mod atomic_file;
 pub mod cache;
 pub mod cli;
+pub mod derive;
 pub mod error;
 pub mod image;
 pub mod ingest;

@@ -20,6 +20,16 @@ pub(crate) fn nearest_first<'k>(
     words
 }
 
+/// Which of `known` is `word`: as it stands, else without regard to case.
+pub(crate) fn position<'k>(
+    word: &str,
+    known: impl IntoIterator<Item = &'k str, IntoIter: Clone>,
+) -> Option<usize> {
+    let known = known.into_iter();
+    let exact = known.clone().position(|candidate| candidate == word);
+    exact.or_else(|| known.clone().position(|candidate| candidate.eq_ignore_ascii_case(word)))
+}
+
 /// Edit distance that counts insertions, deletions, replacements and swaps of neighbours, without
 /// regard to case (optimal string alignment).
 fn distance(a: &str, b: &str) -> usize {
@@ -70,5 +80,12 @@ mod tests {
         assert_eq!(nearest("x", []), None);
         assert_eq!(nearest_first("c", ["a", "bc", "d", "c"]), ["c", "a", "bc", "d"]);
         assert!(nearest_first("c", []).is_empty());
+    }
+
+    #[test]
+    fn case_decides_only_between_words_that_differ_in_nothing_else() {
+        assert_eq!(position("b", ["a", "B", "b"]), Some(2));
+        assert_eq!(position("A", ["x", "a"]), Some(1));
+        assert_eq!(position("c", ["a", "B"]), None);
     }
 }

@@ -124,7 +124,7 @@ impl Header {
 
     /// The field of that name, without regard to case.
     pub fn field(&self, name: &str) -> Option<usize> {
-        self.fields.iter().position(|field| field.name.eq_ignore_ascii_case(name))
+        crate::spelling::position(name, self.fields.iter().map(|field| field.name.as_str()))
     }
 }
 

@@ -178,9 +178,19 @@ fn row(cells: &[String; 6]) -> String {
     cells.iter().map(|cell| format!("{cell:>12}")).collect()
 }
 
+/// The unit of a field's code values: ` g/cm^3`, or ` in 1.67e-24 g/cm^3`; empty if unknown.
+fn unit(field: &Value) -> String {
+    let factor = field["to_cgs"].as_f64().filter(|factor| *factor != 1.0);
+    match (factor, field["units"].as_str()) {
+        (None, None) => String::new(),
+        (None, Some(unit)) => format!(" {unit}"),
+        (Some(factor), unit) => format!(" in {factor:?} {}", unit.unwrap_or("cgs")),
+    }
+}
+
 fn print_field(field: &Value, output: &mut Output) -> Result<()> {
     let number = |key: &str| field[key].to_string();
-    let unit = field["units"].as_str().map_or_else(String::new, |unit| format!(" {unit}"));
+    let unit = unit(field);
     if field.get("min").is_none() {
         return output.line(format!("field {}:{unit}", field["name"].as_str().unwrap_or("?")));
     }

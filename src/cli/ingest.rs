@@ -7,7 +7,9 @@ use clap::Args;
 use super::progress::Bar;
 use super::{output::Output, size};
 use crate::cache::Header;
+use crate::derive::Derived;
 use crate::ingest::{Options, Progress, Stage};
+use crate::source::Source;
 use crate::space::Decimal;
 use crate::{Error, Result, source};
 
@@ -21,6 +23,11 @@ pub(super) struct Arguments {
     /// A field to ingest (repeat for more; default: the density)
     #[arg(long, value_name = "NAME")]
     field: Vec<String>,
+    /// A field to compute and ingest (repeat for more), as in `ram=Density*{x-velocity}^2`: of the
+    /// source's fields and those computed before, with + - * / ^, sqrt, exp, log, log10, abs, min
+    /// and max
+    #[arg(long, value_name = "NAME=EXPRESSION")]
+    derive: Vec<String>,
     /// Memory limit
     #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse)]
     memory: u64,
@@ -48,8 +55,10 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let source = source::open(&arguments.input, arguments.format.as_deref())?;
+    let source = Derived::new(source.as_ref(), &arguments.derive)?;
     let options = Options {
-        fields: arguments.field.clone(),
+        fields: fields(&source, &arguments.field),
         memory: arguments.memory,
         threads: arguments.threads.map(|n| n as usize),
         max_level: arguments.max_level,
@@ -58,14 +67,24 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         region: arguments.region.as_deref().map(region).transpose()?,
         brick: arguments.brick,
     };
-    let source = source::open(&arguments.input, arguments.format.as_deref())?;
-    let header = ingest_with_bar(source.as_ref(), &arguments.output, &options)?;
+    let header = ingest_with_bar(&source, &arguments.output, &options)?;
     report(&header, arguments)
+}
+
+/// The fields asked for, else the density if there is one, and the derived ones.
+fn fields(source: &Derived<'_>, asked: &[String]) -> Vec<String> {
+    let mut fields = asked.to_vec();
+    if asked.is_empty() {
+        let hierarchy = source.hierarchy();
+        fields.extend(hierarchy.density.map(|field| hierarchy.fields[field].name.clone()));
+    }
+    fields.extend(source.names().map(str::to_owned));
+    fields
 }
 
 /// Ingests, with a progress bar on a terminal.
 pub(super) fn ingest_with_bar(
-    source: &dyn source::Source,
+    source: &dyn Source,
     target: &std::path::Path,
     options: &Options,
 ) -> Result<Header> {

@@ -4,6 +4,7 @@
 
 mod bench;
 mod demo;
+mod expressions;
 mod headers;
 mod info;
 mod ingest;

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::expressions;
 use super::output::Output;
 use super::verify::WINDOWS;
 use crate::cache::Cache;
@@ -68,6 +69,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         Choice::Cell => Interpolation::Cell,
         Choice::Linear => Interpolation::Linear,
     };
+    expressions::refuse(&arguments.field, cache.header())?;
     let mut probe = Probe::new(&cache, &arguments.field, interpolation)?;
     let file = File::open(&arguments.points)
         .map_err(|source| Error::io(&arguments.points, "cannot read the points", source))?;

@@ -7,7 +7,7 @@ use std::time::Instant;
 use clap::Args;
 
 use super::progress::Bar;
-use super::size;
+use super::{expressions, size};
 use crate::atomic_file::AtomicFile;
 use crate::cache::{Cache, Cursor};
 use crate::image::{Format, write_exr, write_png};
@@ -59,6 +59,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             .map_err(|why| Error::request(format!("--samples {samples}: {why}")))?;
     }
     let cache = Cache::open(&arguments.cache, Cursor::WINDOWS)?;
+    expressions::refuse(&scene.volume.field, cache.header())?;
     let opening = started.elapsed().as_secs_f64();
     warn_of_nan(&cache, &scene);
     let bar = Bar::new("render", "tiles");

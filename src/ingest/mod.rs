@@ -31,7 +31,7 @@ use crate::atomic_file::AtomicFile;
 use crate::cache::{BrickShape, CachedField, Header, TreeLevel};
 use crate::source::Source;
 use crate::space::{Decimal, Domain, FRACTION_BITS, IndexBox, MAX_OCTREE_LEVEL};
-use crate::spelling::nearest_first;
+use crate::spelling::{nearest_first, position};
 use crate::{Error, Result};
 
 use assemble::{Assembler, Rules};
@@ -200,7 +200,7 @@ fn choose_fields(source: &dyn Source, names: &[String]) -> Result<Vec<usize>> {
     }
     let mut chosen = Vec::new();
     for name in names {
-        let field = hierarchy.fields.iter().position(|f| f.name.eq_ignore_ascii_case(name));
+        let field = position(name, hierarchy.fields.iter().map(|f| f.name.as_str()));
         let field = field.ok_or_else(|| {
             Error::request(format!(
                 "{}: no field `{}`: there are {}",

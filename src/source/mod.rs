@@ -22,7 +22,7 @@ use crate::{Error, Result};
 pub struct SourceField {
     /// The file's own name.
     pub name: String,
-    /// The file's own name of the unit, if it states one.
+    /// The unit that `to_cgs` leads to; without that factor, what the file itself calls its unit.
     pub units: Option<String>,
     /// Factor from code units to cgs, if the source says how.
     pub to_cgs: Option<f64>,

@@ -23,11 +23,43 @@ pub(super) fn names(file: &File, group: &str, size: [u32; 3]) -> Result<Vec<Stri
     Ok(names)
 }
 
-/// The field `name` with what the parameter file says of its unit.
+/// What a field measures, as far as its name tells: by Enzo's rules all densities share a unit,
+/// velocities are lengths over times, energies are specific, temperatures are kelvins.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Density,
+    Velocity,
+    Energy,
+    Temperature,
+}
+
+impl Kind {
+    fn of(name: &str) -> Option<Self> {
+        match name {
+            "x-velocity" | "y-velocity" | "z-velocity" => Some(Self::Velocity),
+            "TotalEnergy" | "GasEnergy" | "Total_Energy" | "Gas_Energy" => Some(Self::Energy),
+            "Temperature" | "Dust_Temperature" => Some(Self::Temperature),
+            _ => name.ends_with("Density").then_some(Self::Density),
+        }
+    }
+
+    fn cgs_unit(self) -> &'static str {
+        match self {
+            Self::Density => "g/cm^3",
+            Self::Velocity => "cm/s",
+            Self::Energy => "erg/g",
+            Self::Temperature => "K",
+        }
+    }
+}
+
+/// The field `name` with its unit: what the parameter file says of it, or what its kind implies
+/// where the file has the factor to cgs.
 pub(super) fn describe(name: String, parameters: &Parameters) -> SourceField {
-    let units = parameters.unit_names.get(&name).cloned();
     let to_cgs = to_cgs(&name, parameters);
-    SourceField { name, units, to_cgs }
+    let implied = Kind::of(&name).filter(|_| to_cgs.is_some()).map(Kind::cgs_unit);
+    let stated = parameters.unit_names.get(&name).cloned();
+    SourceField { name, units: stated.or(implied.map(str::to_owned)), to_cgs }
 }
 
 /// Which of `fields` is the density.
@@ -38,8 +70,7 @@ pub(super) fn density(fields: &[SourceField]) -> Option<usize> {
         .or_else(|| fields.iter().position(|field| field.name.eq_ignore_ascii_case("density")))
 }
 
-/// Factor from code units to cgs: the stated one, or by Enzo's rules (all densities share a
-/// unit, velocities are lengths over times, energies are specific, temperatures are kelvins).
+/// Factor from code units to cgs: the stated one, or by the kind's rule.
 fn to_cgs(name: &str, parameters: &Parameters) -> Option<f64> {
     let stated = |label: &str| parameters.factors.get(label).copied();
     if let Some(factor) = stated(name) {
@@ -47,14 +78,11 @@ fn to_cgs(name: &str, parameters: &Parameters) -> Option<f64> {
     }
     let [density, length, time] = parameters.units;
     let velocity = || stated("x-velocity").or_else(|| Some(length? / time?));
-    if name.ends_with("Density") {
-        return stated("Density").or(density);
-    }
-    match name {
-        "x-velocity" | "y-velocity" | "z-velocity" => velocity(),
-        "TotalEnergy" | "GasEnergy" | "Total_Energy" | "Gas_Energy" => velocity().map(|v| v * v),
-        "Temperature" | "Dust_Temperature" => Some(1.0),
-        _ => None,
+    match Kind::of(name)? {
+        Kind::Density => stated("Density").or(density),
+        Kind::Velocity => velocity(),
+        Kind::Energy => velocity().map(|v| v * v),
+        Kind::Temperature => Some(1.0),
     }
 }
 
@@ -85,6 +113,18 @@ mod tests {
         assert_eq!(field("Density", &format!("{units}{stated}")).to_cgs, Some(5.0));
         assert_eq!(field("GasEnergy", stated).to_cgs, Some(49.0));
         assert_eq!(field("HII_Density", stated).to_cgs, Some(5.0));
+    }
+
+    #[test]
+    fn a_unit_is_named_where_its_factor_is_known() {
+        let units = "LengthUnits = 12\nTimeUnits = 4\n";
+        assert_eq!(field("y-velocity", units).units.as_deref(), Some("cm/s"));
+        assert_eq!(field("GasEnergy", units).units.as_deref(), Some("erg/g"));
+        assert_eq!(field("Temperature", "").units.as_deref(), Some("K"));
+        assert_eq!(field("HII_Density", units).units, None);
+        let stated = "DensityUnits = 3\nDataUnits[0] = Msun/pc^3\n";
+        assert_eq!(field("Density", stated).units.as_deref(), Some("Msun/pc^3"));
+        assert_eq!(field("Metallicity", units).units, None);
     }
 
     #[test]
