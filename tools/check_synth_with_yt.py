@@ -12,7 +12,7 @@
 DATASET is whatever yt.load takes, in any layout that `deepfield synth` writes: what `synth` prints.
 
 Checked: the grids, cells and leaf cells of each level that yt counts, against INFO (of trees of
-blocks only the leaves count) and for Enzo against the text hierarchy and the integers in it; and
+blocks the leaves alone), and for Enzo against the text hierarchy and the integers in it; and
 the level and value in the leaf cell at each point of PROBE_CSV (columns x, y, z, level, value),
 found in yt's own grids. Values are compared as 32-bit floats. yt cannot load Enzo sets deeper than
 level 47, and misplaces blocks where the edges in a FLASH file no longer tell them apart.
@@ -77,23 +77,23 @@ def check_hierarchy(dataset, text_grids):
 
 def check_info(dataset, path):
     """Compares grids, cells and leaf cells of each level with what `deepfield info --json` printed.
-    Of block trees only grids that hold leaf cells count: a parent is no part of the solution."""
+    Of block trees only leaves are grids of the solution, so their cells say nothing more."""
     with open(path, encoding="utf-8") as file:
         info = json.load(file)
-    only_leaves = info["format"] in ("athena++", "flash")
-    seen = collections.defaultdict(lambda: (0, 0, 0))
+    tree = info["format"] in ("athena++", "flash")
+    counted = ("grids", "leaf_cells") if tree else ("grids", "cells", "leaf_cells")
+    seen = collections.defaultdict(collections.Counter)
     for grid in dataset.index.grids:
-        leaves = int(grid.child_mask.sum())
-        if leaves > 0 or not only_leaves:
-            counts = (1, int(np.prod(grid.ActiveDimensions)), leaves)
-            seen[int(grid.Level)] = tuple(map(sum, zip(seen[int(grid.Level)], counts)))
+        leaves, cells = int(grid.child_mask.sum()), int(np.prod(grid.ActiveDimensions))
+        if leaves > 0 or not tree:
+            seen[int(grid.Level)].update(grids=1, cells=cells, leaf_cells=leaves)
     failures = []
     for level in info["levels"]:
-        number = level["level"]
-        said = (level["grids"], level["cells"], level["leaf_cells"])
-        found = seen.pop(number, (0, 0, 0))
-        if number is not None and said != found:
-            failures.append(f"level {number}: grids, cells, leaf cells {said}, but {found} in yt")
+        found = seen.pop(level["level"], collections.Counter())
+        for what in counted:
+            if level["level"] is not None and level[what] != found[what]:
+                place = f"level {level['level']}: {what}"
+                failures.append(f"{place}: deepfield {level[what]}, yt {found[what]}")
     if seen:
         failures.append(f"levels {sorted(seen)} are in yt alone")
     print(f"{info['format']}: {len(info['levels'])} levels, {info['leaf_cells']} leaf cells")
