@@ -176,8 +176,7 @@ fn pictures_in_cgs_are_those_in_code_units_flash() {
     let recipe = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets_synthetic/flash10.toml");
     let (output, cache) = (folder.path().join("flash"), folder.path().join("flash.dfc"));
     run(&[&"synth", &recipe, &"-o", &output]).done();
-    let mut files = std::fs::read_dir(output.join("clump10")).unwrap();
-    let input = files.next().unwrap().unwrap().path();
+    let input = output.join("clump10/clump10_hdf5_chk_0000");
     run(&[&"ingest", &input, &"-o", &cache, &"--derive", &"root=sqrt(dens)"]).done();
     let header = Cache::open(&cache, 8).unwrap().header().clone();
     assert_eq!(header.fields[1].units.as_deref(), Some("g^(1/2)/cm^(3/2)"));
