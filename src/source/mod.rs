@@ -119,6 +119,12 @@ pub trait Source: Send + Sync {
     ) -> Result<()>;
 }
 
+/// Which of `fields` bears the first of `names` that any bears, without regard to case.
+fn first_named(fields: &[SourceField], names: &[&str]) -> Option<usize> {
+    let place = |name: &&str| fields.iter().position(|f| f.name.eq_ignore_ascii_case(name));
+    names.iter().find_map(place)
+}
+
 /// A format that can be read.
 struct Format {
     /// As `--format` takes it.

@@ -17,7 +17,7 @@ use level::LevelData;
 use text::PrintedBox;
 
 use super::raw::RawArray;
-use super::{Format, GridBlock, GridRecord, Hierarchy, Source, SourceField};
+use super::{Format, GridBlock, GridRecord, Hierarchy, Source, SourceField, first_named};
 use crate::space::IndexBox;
 use crate::{Error, Result};
 
@@ -69,15 +69,13 @@ impl Plotfile {
             levels.push(Level { first, extent, data });
             first = next;
         }
-        let density = DENSITIES.iter().find_map(|density| {
-            header.components.iter().position(|name| name.eq_ignore_ascii_case(density))
-        });
         let field = |name| SourceField { name, units: None, to_cgs: None };
+        let fields: Vec<_> = header.components.into_iter().map(field).collect();
         let hierarchy = Hierarchy {
             domain: header.domain,
             levels: header.levels,
-            fields: header.components.into_iter().map(field).collect(),
-            density,
+            density: first_named(&fields, &DENSITIES),
+            fields,
             time: header.time,
         };
         Ok(Self { path: path.to_path_buf(), hierarchy, levels })

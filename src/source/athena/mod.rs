@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 use header::Header;
 
-use super::{Format, GridBlock, GridRecord, Hierarchy, Source, SourceField};
+use super::{Format, GridBlock, GridRecord, Hierarchy, Source, SourceField, first_named};
 use crate::space::Levels;
 use crate::{Error, Result};
 
@@ -69,9 +69,9 @@ impl Output {
                 "its files have no variable in common: nothing to read".to_owned(),
             ));
         }
-        let density = DENSITIES.iter().find_map(|name| fields.iter().position(|f| f == name));
         let field = |name| SourceField { name, units: None, to_cgs: None };
-        let fields = fields.into_iter().map(field).collect();
+        let fields: Vec<_> = fields.into_iter().map(field).collect();
+        let density = first_named(&fields, &DENSITIES);
         let hierarchy = Hierarchy { domain, levels, fields, density, time: first.header.time };
         Ok(Self { path: path.to_path_buf(), hierarchy, pieces })
     }

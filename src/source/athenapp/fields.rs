@@ -9,7 +9,7 @@ use crate::source::hdf5::{Element, File};
 use crate::{Error, Result};
 
 /// Names of the density, the likeliest first: of primitive and of conserved variables.
-const DENSITIES: [&str; 3] = ["rho", "dens", "density"];
+pub(super) const DENSITIES: [&str; 3] = ["rho", "dens", "density"];
 
 /// One variable.
 #[derive(Debug, PartialEq, Eq)]
@@ -91,9 +91,4 @@ fn check_shape(
         return Err(Error::invalid(place, reason));
     }
     Ok(())
-}
-
-/// Which of `fields` is the density.
-pub(super) fn density(fields: &[SourceField]) -> Option<usize> {
-    DENSITIES.iter().find_map(|name| fields.iter().position(|field| field.name == *name))
 }

@@ -17,7 +17,7 @@ use blocks::Blocks;
 use fields::Variable;
 
 use super::hdf5::File;
-use super::{Format, GridBlock, GridRecord, Hierarchy, Source};
+use super::{Format, GridBlock, GridRecord, Hierarchy, Source, first_named};
 use crate::space::{Domain, Levels};
 use crate::{Error, Result};
 
@@ -62,7 +62,7 @@ impl AthenaPp {
         let levels = Levels::from_factors(&vec![2; blocks.deepest() as usize])
             .map_err(|e| Error::not_supported(data.display(), e.to_string()))?;
         let fields: Vec<_> = variables.iter().map(Variable::describe).collect();
-        let density = fields::density(&fields);
+        let density = first_named(&fields, &fields::DENSITIES);
         let hierarchy = Hierarchy { domain, levels, fields, density, time: attributes.time() };
         Ok(Self { path: path.to_path_buf(), file, blocks, variables, hierarchy })
     }

@@ -17,7 +17,7 @@ use header::Header;
 use tree::Tree;
 
 use super::hdf5::File;
-use super::{Format, GridBlock, GridRecord, Hierarchy, Source};
+use super::{Format, GridBlock, GridRecord, Hierarchy, Source, first_named};
 use crate::space::Levels;
 use crate::{Error, Result};
 
@@ -57,7 +57,7 @@ impl Flash {
         let (datasets, fields) = fields::find(&file, path, &header)?;
         let levels = Levels::from_factors(&vec![2; tree.deepest() as usize])
             .map_err(|e| Error::not_supported(path.display(), e.to_string()))?;
-        let density = fields.iter().position(|field| field.name == "dens");
+        let density = first_named(&fields, &["dens"]);
         let (domain, time) = (header.domain.clone(), header.time);
         let hierarchy = Hierarchy { domain, levels, fields, density, time };
         Ok(Self { path: path.to_path_buf(), file, header, tree, datasets, hierarchy })
