@@ -9,7 +9,7 @@ use crate::scene::{Projection, Scene};
 use crate::space::{Domain, Position};
 
 /// Which bricks are opened.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Cut {
     /// All that have children.
     FullDepth,
@@ -31,7 +31,7 @@ impl Cut {
 }
 
 /// Opens bricks by which a ray's light may be off by more than a limit.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorCut {
     /// The limit, in the picture's own unit.
     pub limit: f64,
@@ -42,7 +42,7 @@ pub struct ErrorCut {
 /// A cut by geometry alone: the same for every tile, thread and memory limit. Monotone (an opened
 /// brick's parent is opened), and bricks that touch differ by one level at most where the cut, and
 /// not the data, ends the descent.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct FootprintCut {
     domain: Domain,
     shape: BrickShape,
@@ -50,7 +50,7 @@ pub struct FootprintCut {
 }
 
 /// What a brick's largest cell edge must exceed for the brick to be opened.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 enum Rule {
     /// A constant, code length: the size of an orthographic picture's pixels.
     Size(f64),
