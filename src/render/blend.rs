@@ -4,7 +4,7 @@
 
 use super::absorb::Integrator;
 use super::frame::LocalRay;
-use super::interpolant::{Cube, DrawnNeighbours};
+use super::interpolant::{CellOctant, Cube, DrawnNeighbours};
 use super::polynomial::Polynomial;
 use super::scaled::ScaledBrick;
 use super::walk::Step;
@@ -33,6 +33,7 @@ pub(super) fn march_mixed(
     drawn: DrawnNeighbours,
     ray: &LocalRay,
     step: &Step,
+    rungs: &mut Rungs,
     integrator: &mut Integrator<'_>,
 ) {
     let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
@@ -53,26 +54,25 @@ pub(super) fn march_mixed(
         let own = &brick.blocks[0];
         if own.states[own.at(cell.map(|c| c + 1))] & state::VOID == 0 {
             let line = [at(ends[0]), at(ends[1])];
-            march_half_cell(brick, drawn, cell, line, (ends[1] - ends[0]) * ray.length, integrator);
+            let ladder = Ladder::new(brick, drawn, cell, line, rungs);
+            march_half_cell(&ladder, line, (ends[1] - ends[0]) * ray.length, integrator);
         }
     }
 }
 
-/// The stretch from `line[0]` to `line[1]` (local cells) in one half-cell octant of `cell`.
+/// The stretch from `line[0]` to `line[1]` (local cells) in one half-cell octant.
 fn march_half_cell(
-    brick: &ScaledBrick,
-    drawn: DrawnNeighbours,
-    cell: [usize; 3],
+    ladder: &Ladder<'_>,
     line: [[f64; 3]; 2],
     length: f64,
     integrator: &mut Integrator<'_>,
 ) {
+    let (cuts, count) = ladder.kinks(line);
     let at = |s: f64| -> [f64; 3] {
         std::array::from_fn(|a| line[0][a] + s * (line[1][a] - line[0][a]))
     };
-    let (cuts, count) = kinks(brick, drawn, cell, line);
     for ends in cuts[..count].windows(2).filter(|ends| ends[0] < ends[1]) {
-        let x = blended(brick, drawn, cell, [at(ends[0]), at(ends[1])]);
+        let x = ladder.blended([at(ends[0]), at(ends[1])]);
         let length = (ends[1] - ends[0]) * length;
         // As it is where two levels meet.
         match x.0 {
@@ -87,84 +87,93 @@ fn march_half_cell(
 /// Most kinks looked at: three for each of eight levels.
 const KINKS: usize = 24;
 
-/// 0, the s in order where some level's weight may bend, and 1; and how many these are.
-fn kinks(
-    brick: &ScaledBrick,
-    drawn: DrawnNeighbours,
-    cell: [usize; 3],
-    line: [[f64; 3]; 2],
-) -> ([f64; KINKS + 2], usize) {
-    let mut cuts = [1.0; KINKS + 2];
-    cuts[0] = 0.0;
-    let mut count = 1;
-    let middle = std::array::from_fn(|a| 0.5 * (line[0][a] + line[1][a]));
-    for up in 0..brick.used {
-        let octant = brick.octant(up, cell, middle);
-        let exists = brick.cube(&octant, drawn).exists;
-        if exists == Cube::COMPLETE {
-            break;
-        }
-        if exists & 1 == 0 {
-            continue;
-        }
-        let [v, w] = line.map(|point| brick.distances(&octant, point));
-        for (a, b) in [(0, 1), (1, 2), (2, 0)] {
-            let (before, after) = (v[a] - v[b], w[a] - w[b]);
-            if before * after < 0.0 && count <= KINKS {
-                cuts[count] = before / (before - after);
-                count += 1;
+/// Of each level that an octant of a half cell blends, its part of the octant and the cells there.
+pub(super) type Rungs = Vec<(CellOctant, Cube)>;
+
+/// The levels that an octant of a half cell blends, from the finest on.
+struct Ladder<'b> {
+    brick: &'b ScaledBrick,
+    rungs: &'b [(CellOctant, Cube)],
+}
+
+impl<'b> Ladder<'b> {
+    /// Of the octant of `cell` that holds `line`, in the memory of `rungs`.
+    fn new(
+        brick: &'b ScaledBrick,
+        drawn: DrawnNeighbours,
+        cell: [usize; 3],
+        line: [[f64; 3]; 2],
+        rungs: &'b mut Rungs,
+    ) -> Self {
+        let middle = std::array::from_fn(|a| 0.5 * (line[0][a] + line[1][a]));
+        rungs.clear();
+        for up in 0..brick.used {
+            let octant = brick.octant(up, cell, middle);
+            let cube = brick.cube(&octant, drawn);
+            let is_last = cube.exists == Cube::COMPLETE || up + 1 == brick.used;
+            if cube.exists & 1 == 1 || is_last {
+                rungs.push((octant, cube));
+            }
+            if is_last {
+                break;
             }
         }
+        Self { brick, rungs }
     }
-    cuts[1..count].sort_unstable_by(f64::total_cmp);
-    (cuts, count + 1)
+
+    /// 0, the s in order where some level's weight may bend, and 1; and how many these are.
+    fn kinks(&self, line: [[f64; 3]; 2]) -> ([f64; KINKS + 2], usize) {
+        let mut cuts = [1.0; KINKS + 2];
+        cuts[0] = 0.0;
+        let mut count = 1;
+        for (octant, cube) in self.rungs {
+            if cube.exists == Cube::COMPLETE || cube.exists & 1 == 0 {
+                continue;
+            }
+            let [v, w] = line.map(|point| self.brick.distances(octant, point));
+            for (a, b) in [(0, 1), (1, 2), (2, 0)] {
+                let (before, after) = (v[a] - v[b], w[a] - w[b]);
+                if before * after < 0.0 && count <= KINKS {
+                    cuts[count] = before / (before - after);
+                    count += 1;
+                }
+            }
+        }
+        cuts[1..count].sort_unstable_by(f64::total_cmp);
+        (cuts, count + 1)
+    }
+
+    /// The interpolant from `line[0]` to `line[1]`, a stretch in which no weight bends: from the
+    /// coarsest level on, each blended in by its weight.
+    fn blended(&self, line: [[f64; 3]; 2]) -> Polynomial<DEGREES> {
+        let mut sum = Polynomial::constant(0.0);
+        for (number, (octant, cube)) in self.rungs.iter().enumerate().rev() {
+            let [from, to] = line.map(|point| self.brick.distances(octant, point));
+            let Polynomial([c0, c1, c2, c3]) = Polynomial::along_line(&cube.values, from, to);
+            let level = [c0, c1, c2, c3, 0.0, 0.0, 0.0, 0.0];
+            if number + 1 == self.rungs.len() {
+                sum = Polynomial(level);
+                continue;
+            }
+            let weight = cube.weight(from);
+            blend_in(&mut sum.0, &level, [weight, cube.weight(to) - weight]);
+        }
+        sum
+    }
 }
 
-/// The interpolant from `line[0]` to `line[1]`, a stretch in which no weight bends.
-fn blended(
-    brick: &ScaledBrick,
-    drawn: DrawnNeighbours,
-    cell: [usize; 3],
-    line: [[f64; 3]; 2],
-) -> Polynomial<DEGREES> {
-    let middle = std::array::from_fn(|a| 0.5 * (line[0][a] + line[1][a]));
-    let (mut sum, mut share) = (Polynomial::constant(0.0), Polynomial::constant(1.0));
-    for up in 0..brick.used {
-        let octant = brick.octant(up, cell, middle);
-        let cube = brick.cube(&octant, drawn);
-        let [from, to] = line.map(|point| brick.distances(&octant, point));
-        let level = Polynomial::along_line(&cube.values, from, to);
-        if cube.exists == Cube::COMPLETE || up + 1 == brick.used {
-            return added(&sum, &product(&share, &level.0), 1.0);
-        }
-        if cube.exists & 1 == 0 {
-            continue;
-        }
-        let weight = cube.weight(from);
-        let taken = product(&share, &[weight, cube.weight(to) - weight]);
-        sum = added(&sum, &product(&taken, &level.0), 1.0);
-        share = added(&share, &taken, -1.0);
+/// `sum` + (weight[0] + weight[1]·s) · (`level` − `sum`).
+#[inline]
+fn blend_in(sum: &mut [f64; DEGREES], level: &[f64; DEGREES], weight: [f64; 2]) {
+    let difference: [f64; DEGREES] = std::array::from_fn(|k| level[k] - sum[k]);
+    for k in 0..DEGREES {
+        let lower = if k == 0 { 0.0 } else { difference[k - 1] };
+        sum[k] += weight[0] * difference[k] + weight[1] * lower;
     }
-    sum
-}
-
-fn added(sum: &Polynomial<DEGREES>, term: &Polynomial<DEGREES>, sign: f64) -> Polynomial<DEGREES> {
-    Polynomial(std::array::from_fn(|k| sum.0[k] + sign * term.0[k]))
-}
-
-fn product<const M: usize>(left: &Polynomial<DEGREES>, right: &[f64; M]) -> Polynomial<DEGREES> {
-    let mut all = [0.0; DEGREES + 3];
-    let degrees = left.0.iter().rposition(|c| *c != 0.0).map_or(0, |degree| degree + 1);
-    for (i, a) in left.0[..degrees].iter().enumerate() {
-        for (j, b) in right.iter().enumerate() {
-            all[i + j] += a * b;
+    let excess = weight[1] * difference[DEGREES - 1];
+    if excess != 0.0 {
+        for (sum, share) in sum.iter_mut().zip(&EIGHTH_POWER) {
+            *sum += excess * share;
         }
     }
-    for power in (DEGREES..degrees + M - 1).rev() {
-        let excess = all[power];
-        for (k, share) in EIGHTH_POWER.iter().enumerate() {
-            all[power - DEGREES + k] += excess * share;
-        }
-    }
-    Polynomial(std::array::from_fn(|k| all[k]))
 }

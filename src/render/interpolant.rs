@@ -30,6 +30,7 @@ impl DrawnNeighbours {
 }
 
 /// A cell and its seven neighbours toward a sample, at one level.
+#[derive(Clone, Copy)]
 pub(super) struct Cube {
     /// Their values; bit a of the index: the neighbour along axis a.
     pub(super) values: [f64; 8],
@@ -106,21 +107,19 @@ impl ScaledBrick {
     /// The cell of `octant` and its neighbours on the octant's side.
     pub(super) fn cube(&self, octant: &CellOctant, drawn: DrawnNeighbours) -> Cube {
         let block = &self.blocks[octant.up];
+        let own = octant.cell.map(|c| c + 1);
+        let beside: [usize; 3] =
+            std::array::from_fn(|a| if octant.is_upper[a] { own[a] + 1 } else { own[a] - 1 });
+        let is_checked = octant.up == 0 && drawn != DrawnNeighbours::ALL;
         let mut cube = Cube { values: [0.0; 8], exists: 0 };
         for n in 0..8 {
-            let cell: [usize; 3] =
-                std::array::from_fn(|a| match (n >> a & 1, octant.is_upper[a]) {
-                    (0, _) => octant.cell[a] + 1,
-                    (_, true) => octant.cell[a] + 2,
-                    (_, false) => octant.cell[a],
-                });
+            let side = |a: usize| if n >> a & 1 == 1 { beside[a] } else { own[a] };
+            let cell = [side(0), side(1), side(2)];
             let at = block.at(cell);
             cube.values[n] = block.values[at];
-            let exists = match block.states[at] {
-                state::OUTSIDE => true,
-                bits if bits & state::EXISTS == 0 => false,
-                _ => octant.up > 0 || self.is_drawn(cell, drawn),
-            };
+            let bits = block.states[at];
+            let exists = bits == state::OUTSIDE
+                || bits & state::EXISTS != 0 && !(is_checked && !self.is_drawn(cell, drawn));
             cube.exists |= u8::from(exists) << n;
         }
         cube
@@ -129,7 +128,7 @@ impl ScaledBrick {
     /// Whether the brick that holds `cell` of the own block (ghosts counted) is drawn.
     #[inline]
     fn is_drawn(&self, cell: [usize; 3], drawn: DrawnNeighbours) -> bool {
-        drawn == DrawnNeighbours::ALL || drawn.holds(cell.map(|c| c as i32 - 1), self.edge as i32)
+        drawn.holds(cell.map(|c| c as i32 - 1), self.edge as i32)
     }
 
     /// Whether a cell of dual cell `index` lies in a neighbour that is not drawn.

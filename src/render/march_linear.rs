@@ -2,7 +2,7 @@
 //! ray, or a few polynomials beside borders of levels.
 
 use super::absorb::Integrator;
-use super::blend::march_mixed;
+use super::blend::{Rungs, march_mixed};
 use super::frame::LocalRay;
 use super::interpolant::DrawnNeighbours;
 use super::ledger::Ledger;
@@ -24,6 +24,7 @@ pub(super) fn march_linear(
     let lo = region.lo.map(|x| (x + 0.5).floor() as i32);
     let hi = std::array::from_fn(|a| ((region.hi[a] + 0.5).ceil() as i32 - 1).max(lo[a]));
     let mut walk = Walk::new(ray, span, 0.5, lo, hi);
+    let mut rungs = Rungs::new();
     while let Some(step) = walk.next() {
         if integrator.is_faded() {
             break;
@@ -34,7 +35,7 @@ pub(super) fn march_linear(
         }
         match kind {
             dual::PLAIN => march_plain(brick, ray, &step, integrator),
-            dual::MIXED => march_mixed(brick, drawn, ray, &step, integrator),
+            dual::MIXED => march_mixed(brick, drawn, ray, &step, &mut rungs, integrator),
             _ => {}
         }
         if let Some(ledger) = ledger

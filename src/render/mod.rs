@@ -265,36 +265,53 @@ impl<'s> Studio<'s> {
         let allowed = if is_exact { None } else { Some(goal.tolerance) };
         let mut picture =
             self.picture(pixels, (&transfer, pieces), method, allowed, options.progress)?;
-        let mut limit = f64::INFINITY;
-        for attempt in 0..ATTEMPTS {
-            let poor: Vec<bool> = lock(&picture.bounds)
-                .iter()
-                .map(|bound| attempt == 0 || bound.total().is_nan() || bound.total() > limit)
-                .collect();
-            if !poor.contains(&true) {
-                break;
-            }
-            let wanted = |tile: u64| {
-                usize::try_from(tile).ok().and_then(|tile| poor.get(tile)).copied().unwrap_or(true)
-            };
-            picture.draw((self.threads, self.plan.readers), &wanted, samples)?;
-            let Tolerance::Relative(part) = tolerance else { break };
-            if is_exact {
-                break;
-            }
-            let largest = f64::from(lock(&picture.film).largest_value());
-            let bound = worst(&lock(&picture.bounds)).total();
-            limit = part * (largest - bound).max(0.5 * largest);
-            // A glance that saw nothing says nothing.
-            if limit < goal.tolerance || glance == 0.0 {
-                goal.tolerance = if limit > 0.0 { FIRST_TRY * limit } else { 0.1 * bound };
-                goal.behind = largest;
-                picture.method = Method::Within(goal);
-            }
-        }
+        let part = match tolerance {
+            Tolerance::Relative(part) if !is_exact => Some(part),
+            _ => None,
+        };
+        self.draw_within(&mut picture, &mut goal, part, samples)?;
         let rays = picture.rays.load(Ordering::Relaxed);
         let shares = Some(worst(&lock(&picture.bounds)));
         Ok(Outcome { film: into_inner(picture.film), shares, census, rays })
+    }
+
+    /// Draws `picture` within `goal`; where that is to be a part of the picture's largest value,
+    /// which is known only then, tiles that have turned out too coarse are drawn again. Those
+    /// that could not be drawn within the goal are left: a smaller one changes nothing.
+    fn draw_within(
+        &self,
+        picture: &mut Picture<'_, 's>,
+        goal: &mut Goal,
+        part: Option<f64>,
+        samples: &mut [u64],
+    ) -> Result<()> {
+        let mut is_drawn_again = vec![true; lock(&picture.bounds).len()];
+        let mut is_within = vec![true; is_drawn_again.len()];
+        for _ in 0..ATTEMPTS {
+            let wanted = |tile: u64| {
+                let wanted = usize::try_from(tile).ok().and_then(|tile| is_drawn_again.get(tile));
+                wanted.copied().unwrap_or(true)
+            };
+            picture.draw((self.threads, self.plan.readers), &wanted, samples)?;
+            let Some(part) = part else { return Ok(()) };
+            let bounds: Vec<f64> = lock(&picture.bounds).iter().map(ErrorShares::total).collect();
+            for (n, bound) in bounds.iter().enumerate().filter(|(n, _)| is_drawn_again[*n]) {
+                is_within[n] = *bound <= goal.tolerance;
+            }
+            let good = bounds.iter().zip(&is_within).filter(|(_, is_within)| **is_within);
+            let bound = good.fold(0.0, |most, (bound, _)| bound.max(most));
+            let largest = f64::from(lock(&picture.film).largest_value());
+            let limit = part * (largest - bound).max(0.5 * largest);
+            is_drawn_again =
+                bounds.iter().zip(&is_within).map(|(b, within)| *within && *b > limit).collect();
+            if !is_drawn_again.contains(&true) {
+                return Ok(());
+            }
+            goal.tolerance = FIRST_TRY * limit;
+            goal.behind = largest;
+            picture.method = Method::Within(*goal);
+        }
+        Ok(())
     }
 
     /// The largest value of a small picture, drawn without regard to its error.
