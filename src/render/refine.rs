@@ -178,8 +178,9 @@ impl Sheet {
         }
         let pixel = usize::from(found[0].0.pixel);
         let allowed = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
-        // No work is spent far below what it cannot change.
-        (pixel, self.pixels[pixel].rate(allowed).max(2.0 * fixed(&mean)), mean)
+        // Beside what work cannot change, as much again, within the tolerance for itself.
+        let fixed = fixed(&mean);
+        (pixel, self.pixels[pixel].rate(allowed).max(fixed + fixed.min(allowed)), mean)
     }
 
     /// Takes what a batch has found: pixels that are close enough are known, the others' squares

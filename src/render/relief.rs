@@ -12,6 +12,8 @@ pub(super) const GROUP_EDGE: usize = 4;
 /// Values farther off than this count by the transfer function's whole variation over the range
 /// that they may take, steps included; nearer ones by its slope, and steps where they are met.
 const FAR: f64 = 1e-3;
+/// Relative rounding of interpolated values.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// A cube of [`GROUP_EDGE`]³ dual cells. Ranges and slopes take in one dual cell more on every
 /// side, as far as the brick knows it.
@@ -26,7 +28,7 @@ pub(super) struct Group {
     pub(super) uneven: [f64; 3],
     /// Change by what is beneath the brick.
     pub(super) levels: Change,
-    /// Bound of the difference of x to that of the source's values.
+    /// Bound of the difference of x to that of the source's values, and of its rounding.
     pub(super) storage: f64,
     /// What the transfer function does over the range.
     pub(super) span: Span,
@@ -165,7 +167,9 @@ impl Looker<'_> {
         }
         group.span = self.pieces.over(group.low, group.high);
         let Distance { residual, tree, storage, .. } = *self.distance;
-        group.storage = storage.between(group.low, group.high);
+        // Where neighbours are far larger their share is rounding.
+        let rounding = ROUNDING * group.low.abs().max(group.high.abs());
+        group.storage = storage.between(group.low, group.high) + rounding;
         if residual > 0.0 && self.has_children(first) {
             group.levels =
                 if self.brick.is_piecewise_constant() || residual.is_nan() || residual >= FAR {

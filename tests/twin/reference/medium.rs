@@ -30,7 +30,7 @@ struct Line {
 #[derive(Debug, Clone, Copy)]
 struct Piece {
     near: f64,
-    /// The kinks on both sides, from `near`.
+    /// Where the piece begins and ends, from `near`.
     reach: [f64; 2],
     extinction: Line,
     emission: Line,
@@ -66,14 +66,20 @@ impl Line {
 }
 
 impl Piece {
-    /// Between two kinks, from two points strictly inside, where no table jumps.
+    /// Between two kinks, from two points strictly inside, where no table jumps; told from the
+    /// lower kink on, so that x of 1e-20 is not lost beside those points.
     fn between(transfer: &Transfer, low: f64, high: f64) -> Self {
         let [near, far] = [0.25, 0.75].map(|part| low + part * (high - low));
         let (first, second) = (transfer.optics(near), transfer.optics(far));
-        let line = |a: f64, b: f64| Line { value: a, slope: (b - a) / (far - near) };
+        let line = |a: f64, b: f64| {
+            let slope = (b - a) / (far - near);
+            let value = a - slope * (near - low);
+            let is_rounding = value.abs() <= 1e-14 * a.abs().max(b.abs());
+            Line { value: if is_rounding { 0.0 } else { value }, slope }
+        };
         Self {
-            near,
-            reach: [low - near, high - near],
+            near: low,
+            reach: [0.0, high - low],
             extinction: line(first.extinction, second.extinction),
             emission: line(first.emission, second.emission),
             color: std::array::from_fn(|c| line(first.color[c], second.color[c])),
