@@ -4,7 +4,7 @@
 
 use super::absorb::Integrator;
 use super::frame::LocalRay;
-use super::interpolant::{CellOctant, Cube, DrawnNeighbours};
+use super::interpolant::{Cube, DrawnNeighbours, weight};
 use super::polynomial::Polynomial;
 use super::scaled::ScaledBrick;
 use super::walk::Step;
@@ -33,7 +33,7 @@ pub(super) fn march_mixed(
     drawn: DrawnNeighbours,
     ray: &LocalRay,
     step: &Step,
-    rungs: &mut Rungs,
+    rungs: &mut Vec<Rung>,
     integrator: &mut Integrator<'_>,
 ) {
     let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
@@ -54,32 +54,8 @@ pub(super) fn march_mixed(
         let own = &brick.blocks[0];
         if own.states[own.at(cell.map(|c| c + 1))] & state::VOID == 0 {
             let line = [at(ends[0]), at(ends[1])];
-            let ladder = Ladder::new(brick, drawn, cell, line, rungs);
-            march_half_cell(&ladder, line, (ends[1] - ends[0]) * ray.length, integrator);
-        }
-    }
-}
-
-/// The stretch from `line[0]` to `line[1]` (local cells) in one half-cell octant.
-fn march_half_cell(
-    ladder: &Ladder<'_>,
-    line: [[f64; 3]; 2],
-    length: f64,
-    integrator: &mut Integrator<'_>,
-) {
-    let (cuts, count) = ladder.kinks(line);
-    let at = |s: f64| -> [f64; 3] {
-        std::array::from_fn(|a| line[0][a] + s * (line[1][a] - line[0][a]))
-    };
-    for ends in cuts[..count].windows(2).filter(|ends| ends[0] < ends[1]) {
-        let x = ladder.blended([at(ends[0]), at(ends[1])]);
-        let length = (ends[1] - ends[0]) * length;
-        // As it is where two levels meet.
-        match x.0 {
-            [c0, c1, c2, c3, c4, 0.0, 0.0, 0.0] => {
-                integrator.along(&Polynomial([c0, c1, c2, c3, c4]), length);
-            }
-            _ => integrator.along(&x, length),
+            let length = (ends[1] - ends[0]) * ray.length;
+            Ladder::new((brick, drawn), cell, line, length, rungs).march(integrator);
         }
     }
 }
@@ -87,23 +63,34 @@ fn march_half_cell(
 /// Most kinks looked at: three for each of eight levels.
 const KINKS: usize = 24;
 
-/// Of each level that an octant of a half cell blends, its part of the octant and the cells there.
-pub(super) type Rungs = Vec<(CellOctant, Cube)>;
-
-/// The levels that an octant of a half cell blends, from the finest on.
-struct Ladder<'b> {
-    brick: &'b ScaledBrick,
-    rungs: &'b [(CellOctant, Cube)],
+/// One level in an octant of a half cell, along the ray's stretch in it.
+#[derive(Clone, Copy)]
+pub(super) struct Rung {
+    /// Which cells exist, as in [`Cube`].
+    exists: u8,
+    /// Distances from the cell's centre at the stretch's beginning, and how much these grow.
+    from: [f64; 3],
+    run: [f64; 3],
+    /// The level's own interpolant.
+    cubic: [f64; 4],
 }
 
-impl<'b> Ladder<'b> {
-    /// Of the octant of `cell` that holds `line`, in the memory of `rungs`.
+/// The levels that an octant of a half cell blends, from the finest on.
+struct Ladder<'r> {
+    rungs: &'r [Rung],
+    /// The stretch's length, code length.
+    length: f64,
+}
+
+impl<'r> Ladder<'r> {
+    /// Of the octant of `cell` that holds the stretch from `line[0]` to `line[1]` (local cells),
+    /// `length` code lengths long; in the memory of `rungs`.
     fn new(
-        brick: &'b ScaledBrick,
-        drawn: DrawnNeighbours,
+        (brick, drawn): (&ScaledBrick, DrawnNeighbours),
         cell: [usize; 3],
         line: [[f64; 3]; 2],
-        rungs: &'b mut Rungs,
+        length: f64,
+        rungs: &'r mut Vec<Rung>,
     ) -> Self {
         let middle = std::array::from_fn(|a| 0.5 * (line[0][a] + line[1][a]));
         rungs.clear();
@@ -112,66 +99,98 @@ impl<'b> Ladder<'b> {
             let cube = brick.cube(&octant, drawn);
             let is_last = cube.exists == Cube::COMPLETE || up + 1 == brick.used;
             if cube.exists & 1 == 1 || is_last {
-                rungs.push((octant, cube));
+                let from = brick.distances(&octant, line[0]);
+                let to = brick.distances(&octant, line[1]);
+                let run = std::array::from_fn(|a| to[a] - from[a]);
+                let Polynomial(cubic) = Polynomial::along_line(&cube.values, from, to);
+                rungs.push(Rung { exists: cube.exists, from, run, cubic });
             }
             if is_last {
                 break;
             }
         }
-        Self { brick, rungs }
+        Self { rungs, length }
+    }
+
+    fn march(&self, integrator: &mut Integrator<'_>) {
+        let (cuts, count) = self.kinks();
+        for ends in cuts[..count].windows(2).filter(|ends| ends[0] < ends[1]) {
+            let ends = [ends[0], ends[1]];
+            // As it is where two levels meet.
+            if self.rungs.len() <= 2 {
+                self.march_piece::<5>(ends, integrator);
+            } else {
+                self.march_piece::<DEGREES>(ends, integrator);
+            }
+        }
+    }
+
+    fn march_piece<const N: usize>(&self, [from, to]: [f64; 2], integrator: &mut Integrator<'_>) {
+        let x = self.blended::<N>([from, to]).part(from, to);
+        integrator.along(&x, (to - from) * self.length);
     }
 
     /// 0, the s in order where some level's weight may bend, and 1; and how many these are.
-    fn kinks(&self, line: [[f64; 3]; 2]) -> ([f64; KINKS + 2], usize) {
+    fn kinks(&self) -> ([f64; KINKS + 2], usize) {
         let mut cuts = [1.0; KINKS + 2];
         cuts[0] = 0.0;
         let mut count = 1;
-        for (octant, cube) in self.rungs {
-            if cube.exists == Cube::COMPLETE || cube.exists & 1 == 0 {
-                continue;
-            }
-            let [v, w] = line.map(|point| self.brick.distances(octant, point));
+        for Rung { from, run, .. } in self.rungs.iter().filter(|rung| rung.is_blended()) {
             for (a, b) in [(0, 1), (1, 2), (2, 0)] {
-                let (before, after) = (v[a] - v[b], w[a] - w[b]);
-                if before * after < 0.0 && count <= KINKS {
-                    cuts[count] = before / (before - after);
+                let (before, rise) = (from[a] - from[b], run[a] - run[b]);
+                if before * (before + rise) < 0.0 && count <= KINKS {
+                    cuts[count] = -before / rise;
                     count += 1;
                 }
             }
         }
-        cuts[1..count].sort_unstable_by(f64::total_cmp);
+        if count > 2 {
+            cuts[1..count].sort_unstable_by(f64::total_cmp);
+        }
         (cuts, count + 1)
     }
 
-    /// The interpolant from `line[0]` to `line[1]`, a stretch in which no weight bends: from the
-    /// coarsest level on, each blended in by its weight.
-    fn blended(&self, line: [[f64; 3]; 2]) -> Polynomial<DEGREES> {
-        let mut sum = Polynomial::constant(0.0);
-        for (number, (octant, cube)) in self.rungs.iter().enumerate().rev() {
-            let [from, to] = line.map(|point| self.brick.distances(octant, point));
-            let Polynomial([c0, c1, c2, c3]) = Polynomial::along_line(&cube.values, from, to);
-            let level = [c0, c1, c2, c3, 0.0, 0.0, 0.0, 0.0];
+    /// The interpolant in terms of the whole stretch's s, as it is over `ends`, between which no
+    /// weight bends: from the coarsest level on, each blended in by its weight.
+    fn blended<const N: usize>(&self, ends: [f64; 2]) -> Polynomial<N> {
+        let mut sum = [0.0; N];
+        for (number, rung) in self.rungs.iter().enumerate().rev() {
             if number + 1 == self.rungs.len() {
-                sum = Polynomial(level);
-                continue;
+                sum[..4].copy_from_slice(&rung.cubic);
+            } else {
+                blend_in(&mut sum, &rung.cubic, rung.weight(ends));
             }
-            let weight = cube.weight(from);
-            blend_in(&mut sum.0, &level, [weight, cube.weight(to) - weight]);
         }
-        sum
+        Polynomial(sum)
+    }
+}
+
+impl Rung {
+    fn is_blended(&self) -> bool {
+        self.exists != Cube::COMPLETE && self.exists & 1 == 1
+    }
+
+    /// The weight over `ends`, between which it does not bend: at s = 0 were it so there too, and
+    /// its slope.
+    fn weight(&self, [from, to]: [f64; 2]) -> [f64; 2] {
+        let at = |s: f64| weight(self.exists, [0, 1, 2].map(|a| self.from[a] + s * self.run[a]));
+        let (start, end) = (at(from), at(to));
+        let slope = (end - start) / (to - from);
+        [start - slope * from, slope]
     }
 }
 
 /// `sum` + (weight[0] + weight[1]·s) · (`level` − `sum`).
 #[inline]
-fn blend_in(sum: &mut [f64; DEGREES], level: &[f64; DEGREES], weight: [f64; 2]) {
-    let difference: [f64; DEGREES] = std::array::from_fn(|k| level[k] - sum[k]);
-    for k in 0..DEGREES {
-        let lower = if k == 0 { 0.0 } else { difference[k - 1] };
-        sum[k] += weight[0] * difference[k] + weight[1] * lower;
+fn blend_in<const N: usize>(sum: &mut [f64; N], level: &[f64; 4], weight: [f64; 2]) {
+    let mut lower = 0.0;
+    for (k, sum) in sum.iter_mut().enumerate() {
+        let difference = level.get(k).copied().unwrap_or(0.0) - *sum;
+        *sum += weight[0] * difference + weight[1] * lower;
+        lower = difference;
     }
-    let excess = weight[1] * difference[DEGREES - 1];
-    if excess != 0.0 {
+    let excess = weight[1] * lower;
+    if excess != 0.0 && N == DEGREES {
         for (sum, share) in sum.iter_mut().zip(&EIGHTH_POWER) {
             *sum += excess * share;
         }

@@ -42,23 +42,6 @@ impl Cube {
     /// `exists` of a cube without a border.
     pub(super) const COMPLETE: u8 = 0xff;
 
-    /// The weight w of the level at distances `v` from the cell's centre.
-    #[inline]
-    pub(super) fn weight(&self, v: [f64; 3]) -> f64 {
-        if self.exists & 1 == 0 {
-            return 0.0;
-        }
-        let s = v.map(|v| 1.0 - 2.0 * v);
-        let mut weight = 1.0_f64;
-        for n in 1..8 {
-            if self.exists >> n & 1 == 0 {
-                let farthest = (0..3).filter(|a| n >> a & 1 == 1).map(|a| s[a]).fold(0.0, f64::max);
-                weight = weight.min(farthest);
-            }
-        }
-        weight
-    }
-
     fn trilinear(&self, v: [f64; 3]) -> f64 {
         (0..8)
             .map(|n| {
@@ -67,6 +50,26 @@ impl Cube {
             })
             .sum()
     }
+}
+
+/// The weight w of a level at distances `v` from the centre of a cell of which, and of whose
+/// neighbours, these `exist` (as in [`Cube`]).
+#[inline]
+pub(super) fn weight(exist: u8, v: [f64; 3]) -> f64 {
+    if exist & 1 == 0 {
+        return 0.0;
+    }
+    let [x, y, z] = [1.0 - 2.0 * v[0], 1.0 - 2.0 * v[1], 1.0 - 2.0 * v[2]];
+    let larger = |a: f64, b: f64| if a > b { a } else { b };
+    let (xy, xz, yz) = (larger(x, y), larger(x, z), larger(y, z));
+    let sets = [x, y, xy, z, xz, yz, larger(xy, z)];
+    let mut weight = 1.0;
+    for (n, farthest) in sets.into_iter().enumerate() {
+        if exist >> (n + 1) & 1 == 0 && farthest < weight {
+            weight = farthest;
+        }
+    }
+    if weight > 0.0 { weight } else { 0.0 }
 }
 
 /// One of the eight parts of a cell between its centre and its corners, at one level.
@@ -111,16 +114,20 @@ impl ScaledBrick {
         let beside: [usize; 3] =
             std::array::from_fn(|a| if octant.is_upper[a] { own[a] + 1 } else { own[a] - 1 });
         let is_checked = octant.up == 0 && drawn != DrawnNeighbours::ALL;
+        let first = [block.at([own[0], 0, 0]), block.at([0, own[1], 0]), block.at([0, 0, own[2]])];
+        let second =
+            [block.at([beside[0], 0, 0]), block.at([0, beside[1], 0]), block.at([0, 0, beside[2]])];
         let mut cube = Cube { values: [0.0; 8], exists: 0 };
         for n in 0..8 {
-            let side = |a: usize| if n >> a & 1 == 1 { beside[a] } else { own[a] };
-            let cell = [side(0), side(1), side(2)];
-            let at = block.at(cell);
+            let side = |a: usize| if n >> a & 1 == 1 { second[a] } else { first[a] };
+            let at = side(0) + side(1) + side(2);
             cube.values[n] = block.values[at];
             let bits = block.states[at];
-            let exists = bits == state::OUTSIDE
-                || bits & state::EXISTS != 0 && !(is_checked && !self.is_drawn(cell, drawn));
-            cube.exists |= u8::from(exists) << n;
+            let exists = bits & (state::EXISTS | state::OUTSIDE) != 0;
+            let side = |a: usize| if n >> a & 1 == 1 { beside[a] } else { own[a] };
+            let is_drawn =
+                !is_checked || bits == state::OUTSIDE || self.is_drawn([0, 1, 2].map(side), drawn);
+            cube.exists |= u8::from(exists && is_drawn) << n;
         }
         cube
     }
@@ -163,7 +170,7 @@ impl ScaledBrick {
             if cube.exists == Cube::COMPLETE || up + 1 == self.used {
                 return value + share * cube.trilinear(v);
             }
-            let weight = cube.weight(v);
+            let weight = weight(cube.exists, v);
             value += share * weight * cube.trilinear(v);
             share *= 1.0 - weight;
         }

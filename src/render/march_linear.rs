@@ -2,7 +2,7 @@
 //! ray, or a few polynomials beside borders of levels.
 
 use super::absorb::Integrator;
-use super::blend::{Rungs, march_mixed};
+use super::blend::march_mixed;
 use super::frame::LocalRay;
 use super::interpolant::DrawnNeighbours;
 use super::ledger::Ledger;
@@ -24,7 +24,7 @@ pub(super) fn march_linear(
     let lo = region.lo.map(|x| (x + 0.5).floor() as i32);
     let hi = std::array::from_fn(|a| ((region.hi[a] + 0.5).ceil() as i32 - 1).max(lo[a]));
     let mut walk = Walk::new(ray, span, 0.5, lo, hi);
-    let mut rungs = Rungs::new();
+    let mut rungs = Vec::new();
     while let Some(step) = walk.next() {
         if integrator.is_faded() {
             break;

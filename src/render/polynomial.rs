@@ -11,13 +11,6 @@ const ROOT_TOLERANCE: f64 = 1e-9;
 const NEAR_HALVINGS: u32 = 16;
 
 impl<const N: usize> Polynomial<N> {
-    /// The value that is `x` everywhere.
-    pub(super) fn constant(x: f64) -> Self {
-        let mut c = [0.0; N];
-        c[0] = x;
-        Self(c)
-    }
-
     /// The value at `s`.
     #[inline]
     pub(super) fn at(&self, s: f64) -> f64 {
