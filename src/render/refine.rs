@@ -131,7 +131,8 @@ impl Sheet {
     /// enough because others have turned out better than they had to be.
     fn most_urgent(&mut self, grid: &PixelGrid) -> Option<Batch> {
         let is_full = self.waiting() >= MOST_WAITING;
-        let urgency = |group: &Waiting| if is_full { group.harm.saturating_neg() } else { group.harm };
+        let urgency =
+            |group: &Waiting| if is_full { group.harm.saturating_neg() } else { group.harm };
         while let Some(number) = (0..self.waiting.len()).max_by_key(|n| urgency(&self.waiting[*n]))
         {
             let Waiting { mut found, quartered, cut, .. } = self.waiting.swap_remove(number);

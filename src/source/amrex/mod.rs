@@ -10,6 +10,7 @@ mod made;
 mod tests;
 mod text;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use header::Header;
@@ -130,6 +131,17 @@ impl Source for Plotfile {
             })?;
         }
         Ok(())
+    }
+
+    fn data_files(&self) -> Result<Vec<PathBuf>> {
+        let mut files = BTreeSet::new();
+        for level in &self.levels {
+            level.data.for_each_grid(&mut |_, _, place| {
+                files.insert(level.data.data_at(place)?.0);
+                Ok(())
+            })?;
+        }
+        Ok(files.into_iter().collect())
     }
 
     fn read(
