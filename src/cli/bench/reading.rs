@@ -4,17 +4,17 @@ use std::fs::File;
 use std::hint::black_box;
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use clap::Args;
-use rayon::prelude::*;
 
 use super::reading_data::Made;
 use super::table::{Columns, column, csv};
 use crate::cli::output::Output;
 use crate::cli::progress::Bar;
 use crate::ingest::{chunks, in_pool};
-use crate::source::{self, GridBlock};
+use crate::source;
 use crate::{Error, Result};
 
 /// Bytes that plain reading asks for at a time, as `cat` does.
@@ -133,15 +133,18 @@ fn read_values(input: &Path) -> Result<u64> {
         blocks.extend(chunks(&grid).map(|block| (grid, block)));
         Ok(())
     })?;
-    let fields = source.hierarchy().fields.len();
-    let read = |values: &mut Vec<f64>, (grid, block): &(_, GridBlock)| {
-        values.resize(block.len(), 0.0);
-        for field in 0..fields {
-            source.read(grid, field, *block, values)?;
-            black_box(&values);
+    let next = AtomicUsize::new(0);
+    // Values of each block go to the same memory, thread by thread.
+    let counts = rayon::broadcast(|_| {
+        let (mut values, mut count) = (Vec::new(), 0);
+        while let Some((grid, block)) = blocks.get(next.fetch_add(1, Ordering::Relaxed)) {
+            values.resize(block.len(), 0.0);
+            for field in 0..source.hierarchy().fields.len() {
+                source.read(grid, field, *block, &mut values)?;
+                count += black_box(&values).len() as u64;
+            }
         }
-        Ok((fields * block.len()) as u64)
-    };
-    let counts = blocks.par_iter().map_init(Vec::new, read);
-    counts.try_reduce(|| 0, |a, b| Ok(a + b))
+        Ok(count)
+    });
+    counts.into_iter().sum()
 }
