@@ -9,6 +9,7 @@ mod made;
 #[cfg(test)]
 mod tests;
 mod text;
+mod units;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -16,9 +17,10 @@ use std::path::{Path, PathBuf};
 use header::Header;
 use level::LevelData;
 use text::PrintedBox;
+use units::Units;
 
 use super::raw::RawArray;
-use super::{Format, GridBlock, GridRecord, Hierarchy, Source, SourceField, first_named};
+use super::{Format, GridBlock, GridRecord, Hierarchy, Source, first_named};
 use crate::space::IndexBox;
 use crate::{Error, Result};
 
@@ -70,7 +72,8 @@ impl Plotfile {
             levels.push(Level { first, extent, data });
             first = next;
         }
-        let field = |name| SourceField { name, units: None, to_cgs: None };
+        let units = Units::read(folder);
+        let field = |name| units::describe(name, units);
         let fields: Vec<_> = header.components.into_iter().map(field).collect();
         let hierarchy = Hierarchy {
             domain: header.domain,
