@@ -93,7 +93,7 @@ impl<'i> Subject<'i> {
         let rate = |seconds: f64| format!("{:.0}", self.bytes as f64 / MEGABYTE / seconds);
         vec![
             column("format", self.format),
-            column("megabytes", format!("{:.1}", self.bytes as f64 / MEGABYTE)),
+            column("bytes", self.bytes),
             column("files", self.files.len()),
             column("values", self.values),
             column("plain_seconds", format!("{:.6}", self.plain)),
