@@ -135,6 +135,40 @@ fn depths_are_compared_with_the_first() {
 }
 
 #[test]
+fn reading_is_compared_with_plain_reading_in_every_layout() {
+    let folder = TempDir::new().unwrap();
+    let recipe = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets_synthetic/flash10.toml");
+    let formats = ["enzo", "amrex", "athena++", "flash", "athena"];
+    let made = formats.map(|format| {
+        let output = folder.path().join(format);
+        let said = run(&[&"synth", &recipe, &"--format", &format, &"-o", &output]).done();
+        let (path, facts) = said.split_once(": ").unwrap();
+        let cells = facts.split(", ").find_map(|fact| fact.strip_suffix(" cells")).unwrap();
+        (PathBuf::from(path), cells.parse::<f64>().unwrap())
+    });
+    let mut words: Vec<&dyn AsRef<OsStr>> = vec![&"reading", &"--repeat=2"];
+    words.extend(made.iter().map(|(path, _)| path as &dyn AsRef<OsStr>));
+    let rows = table(&bench(&words).done());
+    assert_eq!(rows.len(), formats.len());
+    for ((row, format), (path, cells)) in rows.iter().zip(formats).zip(&made) {
+        assert_eq!((&row["format"][..], Path::new(&row["input"])), (format, path.as_path()));
+        let values = number(row, "values");
+        match format {
+            // Parents are stored too, which are no part of the solution.
+            "flash" => assert!(values < 2.0 * cells && values > 1.5 * cells, "{row:?}"),
+            // A velocity has all its components.
+            "athena" => assert_eq!(values, 4.0 * cells),
+            _ => assert_eq!(values, 2.0 * cells),
+        }
+        // Nothing is stored as less than a 32-bit float.
+        assert!(number(row, "bytes") > 4.0 * values, "{row:?}");
+        let times = ["plain_seconds", "seconds"].map(|column| number(row, column));
+        assert!(times[0] > 0.0 && times[1] > times[0] / 10.0, "{row:?}");
+        assert_eq!(number(row, "files") > 1.0, ["amrex", "athena"].contains(&format));
+    }
+}
+
+#[test]
 fn what_cannot_be_measured_is_one_clear_line() {
     let (folder, cache, scene) = cache_and_scene("1");
     let refused = |words: &[&dyn AsRef<OsStr>], what: &str| {
@@ -153,6 +187,8 @@ fn what_cannot_be_measured_is_one_clear_line() {
     refused(&[&"tolerance", &cache, &scene, &"-o", &not_toml], "x");
     refused(&[&"depth", &scene, &cache, &absent], "absent");
     refused(&[&"depth", &scene, &cache, &"--tolerance=much"], "tolerance");
+    refused(&[&"reading", &absent], "absent");
+    refused(&[&"reading", &not_toml], "looked for enzo");
     assert_eq!(bench(&[&"depth", &scene]).code, Some(2));
     assert_eq!(bench(&[&"tolerance", &cache, &scene, &"--repeat=0"]).code, Some(2));
     assert_eq!(bench(&[]).code, Some(2));

@@ -184,6 +184,34 @@ fn pictures_in_cgs_are_those_in_code_units_flash() {
     check_cgs(&cache, "root", 1.0, folder.path());
 }
 
+/// A plotfile that names its gas density as Quokka does, and says what its units are.
+fn quokka(folder: &Path, mass: &str) -> PathBuf {
+    let recipe = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets_synthetic/mixed.toml");
+    run(&[&"synth", &recipe, &"-o", &folder]).done();
+    let plotfile = folder.join("plt00042");
+    let header = std::fs::read_to_string(plotfile.join("Header")).unwrap();
+    written(&plotfile, "Header", &header.replacen("density", "gasDensity", 1));
+    let units = format!("k_B: 1\nunit_length: 3e+18\nunit_mass: {mass}\nunit_time: 3.1557e13\n");
+    written(&plotfile, "metadata.yaml", &units);
+    plotfile
+}
+
+#[test]
+fn pictures_in_cgs_are_those_in_code_units_amrex() {
+    let folder = tempfile::tempdir().unwrap();
+    let (input, cache) = (quokka(folder.path(), "2e33"), folder.path().join("units.dfc"));
+    run(&[&"ingest", &input, &"-o", &cache, &"--derive", &"square=gasDensity^2"]).done();
+    let density = 2e33 / 3e18f64.powi(3);
+    check_cgs(&cache, "gasDensity", density, folder.path());
+    check_cgs(&cache, "square", density * density, folder.path());
+
+    let input = quokka(folder.path(), ".nan");
+    run(&[&"ingest", &input, &"-o", &cache]).done();
+    let scene = written(folder.path(), "scene.toml", &scene("gasDensity", "cgs", [1.0, 2.0]));
+    let refused = run(&[&"render", &cache, &scene, &"-o", &folder.path().join("no.exr")]).failed();
+    assert!(refused.contains("`gasDensity` has no conversion to cgs"), "{refused}");
+}
+
 #[test]
 fn what_cannot_be_derived_or_shown_is_one_clear_line() {
     let folder = tempfile::tempdir().unwrap();

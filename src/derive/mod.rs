@@ -12,7 +12,7 @@ mod units;
 #[cfg(test)]
 mod tests;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::source::{GridBlock, GridRecord, Hierarchy, Source, SourceField};
 use crate::spelling::{nearest_first, position};
@@ -206,6 +206,10 @@ impl Source for Derived<'_> {
 
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {
         self.source.for_each_grid(visit)
+    }
+
+    fn data_files(&self) -> Result<Vec<PathBuf>> {
+        self.source.data_files()
     }
 
     fn read(

@@ -12,6 +12,23 @@ pub(super) type RowVisitor<'v> = dyn FnMut([i128; 3], &[f64]) -> Result<()> + 'v
 /// Cells along an edge of what is read from a grid at a time: large enough for long rows.
 const CHUNK_EDGE: u32 = 64;
 
+/// Bytes of the largest chunk.
+pub(super) const CHUNK_BYTES: usize = 8 * (CHUNK_EDGE as usize).pow(3);
+
+/// The blocks that `grid` is read in.
+pub fn chunks(grid: &GridRecord) -> impl Iterator<Item = GridBlock> {
+    let grid = *grid;
+    let [nx, ny, nz] = grid.size.map(|n| n.div_ceil(CHUNK_EDGE));
+    let rows = (0..nz).flat_map(move |z| (0..ny).map(move |y| [y, z]));
+    rows.flat_map(move |[y, z]| (0..nx).map(move |x| chunk(&grid, [x, y, z])))
+}
+
+/// The block of `grid` that is the `number`th along each axis.
+fn chunk(grid: &GridRecord, number: [u32; 3]) -> GridBlock {
+    let lo = number.map(|n| n * CHUNK_EDGE);
+    GridBlock { lo, size: std::array::from_fn(|a| CHUNK_EDGE.min(grid.size[a] - lo[a])) }
+}
+
 /// Reads source cells by level index, in chunks of up to 64³ cells.
 pub(super) struct SourceCells<'s> {
     source: &'s dyn Source,
@@ -20,9 +37,6 @@ pub(super) struct SourceCells<'s> {
     records: LoadCache<u64, GridRecord>,
     chunks: LoadCache<(u64, usize, [u32; 3]), Vec<f64>>,
 }
-
-/// Bytes of the largest chunk.
-pub(super) const CHUNK_BYTES: usize = 8 * (CHUNK_EDGE as usize).pow(3);
 
 impl<'s> SourceCells<'s> {
     /// Reads `fields` (indices into the source's) of `grids`, keeping `memory` bytes of them.
@@ -75,14 +89,13 @@ impl<'s> SourceCells<'s> {
         grid: &GridRecord,
         number: u64,
         field: usize,
-        chunk: [u32; 3],
+        at: [u32; 3],
         (lo, hi): ([u32; 3], [u32; 3]),
         row: &mut RowVisitor<'_>,
     ) -> Result<()> {
-        let first = chunk.map(|c| c * CHUNK_EDGE);
-        let size: [u32; 3] = std::array::from_fn(|a| CHUNK_EDGE.min(grid.size[a] - first[a]));
-        let block = GridBlock { lo: first, size };
-        let values = self.chunks.get((number, field, chunk), 8 * block.len(), || {
+        let block = chunk(grid, at);
+        let GridBlock { lo: first, size } = block;
+        let values = self.chunks.get((number, field, at), 8 * block.len(), || {
             let mut values = vec![0.0; block.len()];
             let name = self.fields.get(field).copied();
             let name = name.ok_or_else(|| Error::request("a field that is not ingested"))?;

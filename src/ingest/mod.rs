@@ -37,6 +37,7 @@ use crate::{Error, Result};
 use assemble::{Assembler, Rules};
 use build::Built;
 use cells::SourceCells;
+pub use cells::chunks;
 use complete::Completion;
 use overlaps::Layout;
 pub use plan::DEFAULT_MEMORY;
@@ -133,7 +134,14 @@ pub fn survey(
     in_pool(options.threads, || Ok(survey_in(source, directory, options, false, progress)?.header))
 }
 
-fn in_pool<T: Send>(threads: Option<usize>, run: impl FnOnce() -> Result<T> + Send) -> Result<T> {
+/// Runs `run` on `threads` threads, or on as many as there are cores.
+///
+/// # Errors
+/// Threads that cannot be started, and what `run` returns.
+pub fn in_pool<T: Send>(
+    threads: Option<usize>,
+    run: impl FnOnce() -> Result<T> + Send,
+) -> Result<T> {
     let mut builder = rayon::ThreadPoolBuilder::new();
     if let Some(threads) = threads {
         builder = builder.num_threads(threads.max(1));

@@ -11,7 +11,7 @@ pub mod hdf5;
 mod lines;
 mod raw;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::space::{Domain, IndexBox, Levels};
 use crate::spelling::nearest_first;
@@ -103,6 +103,14 @@ pub trait Source: Send + Sync {
     /// # Errors
     /// Whatever is wrong with the hierarchy, naming the grid; and what `visit` returns.
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()>;
+
+    /// The files that hold the fields' values, each once; here the file that the user named.
+    ///
+    /// # Errors
+    /// Whatever is wrong with a hierarchy that names them.
+    fn data_files(&self) -> Result<Vec<PathBuf>> {
+        Ok(vec![self.path().to_path_buf()])
+    }
 
     /// Reads `block` of field `field` (an index into [`Hierarchy::fields`]) of `grid` into `out`
     /// (`block.len()` values, x fastest, then y, then z), widened to f64, as they are in the file

@@ -9,6 +9,9 @@ use crate::{Error, Result};
 
 /// Rows that lie no further apart than this are read together: disks and caches deal in pages.
 const LARGEST_GAP: u64 = 4096;
+/// Most bytes of a read, unless a single row has more: they stay in a core's cache until they are
+/// decoded.
+const LARGEST_READ: u64 = 128 << 10;
 
 /// How a number is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,6 +53,13 @@ fn decode_with<const N: usize>(
     out: &mut [f64],
     number: impl Fn([u8; N]) -> f64,
 ) {
+    if stride == N {
+        // Of a length that the compiler knows, which is several times as fast.
+        for (value, stored) in out.iter_mut().zip(bytes.as_chunks().0) {
+            *value = number(*stored);
+        }
+        return;
+    }
     for (value, cell) in out.iter_mut().zip(bytes.chunks(stride)) {
         if let Some(stored) = cell.first_chunk() {
             *value = number(*stored);
@@ -98,25 +108,47 @@ impl RawArray {
         self.check((file, path), block, out)?;
         let cell = self.per_cell * self.number.bytes();
         let row = u64::from(block.size[0]);
-        let rows = u64::from(block.size[1]);
-        // One read takes all rows of a plane, or one row.
-        let together = if (self.shape[0] - row) * cell <= LARGEST_GAP { rows } else { 1 };
-        let cells = ((together - 1) * self.shape[0] + row) as usize;
-        let mut bytes = vec![0; cells * cell as usize];
-        let mut out = out.chunks_exact_mut(row as usize);
-        for z in 0..u64::from(block.size[2]) {
-            for y in (0..rows).step_by(together as usize) {
-                let [x0, y0, z0] = block.lo.map(u64::from);
-                let first = ((z0 + z) * self.shape[1] + y0 + y) * self.shape[0] + x0;
-                file.read_exact_at(&mut bytes, self.start + first * cell)
-                    .map_err(|e| Error::io(path, "cannot read", e))?;
-                for (row, out) in (0..together).zip(&mut out) {
-                    let at = row * self.shape[0] * cell + self.component * self.number.bytes();
-                    self.number.decode(&bytes[at as usize..], cell as usize, out);
-                }
+        let count = u64::from(block.size[1]) * u64::from(block.size[2]);
+        let (mut bytes, mut out) = (Vec::new(), out.chunks_exact_mut(row as usize));
+        let mut next = 0;
+        while next < count {
+            let first = self.row_start(block, next);
+            let rows = self.rows_together(block, next, count);
+            let cells = self.row_start(block, next + rows - 1) + row - first;
+            bytes.resize((cells * cell) as usize, 0);
+            file.read_exact_at(&mut bytes, self.start + first * cell)
+                .map_err(|e| Error::io(path, "cannot read", e))?;
+            for (row, out) in (next..next + rows).zip(&mut out) {
+                let at = (self.row_start(block, row) - first) * cell;
+                let at = at + self.component * self.number.bytes();
+                self.number.decode(&bytes[at as usize..], cell as usize, out);
             }
+            next += rows;
         }
         Ok(())
+    }
+
+    /// The array's number of the first cell of row `row` of `block`.
+    fn row_start(&self, block: GridBlock, row: u64) -> u64 {
+        let [x, y, z] = block.lo.map(u64::from);
+        let rows = u64::from(block.size[1]);
+        ((z + row / rows) * self.shape[1] + y + row % rows) * self.shape[0] + x
+    }
+
+    /// How many of the `count` rows of `block`, from row `first`, one read takes.
+    fn rows_together(&self, block: GridBlock, first: u64, count: u64) -> u64 {
+        let cell = self.per_cell * self.number.bytes();
+        let (start, row) = (self.row_start(block, first), u64::from(block.size[0]));
+        let mut last = first;
+        while last + 1 < count {
+            let next = self.row_start(block, last + 1);
+            let gap = next - self.row_start(block, last) - row;
+            if gap * cell > LARGEST_GAP || (next + row - start) * cell > LARGEST_READ {
+                break;
+            }
+            last += 1;
+        }
+        last + 1 - first
     }
 
     fn check(&self, (file, path): (&File, &Path), block: GridBlock, out: &[f64]) -> Result<()> {

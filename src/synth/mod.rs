@@ -31,7 +31,7 @@ mod values;
 
 pub use density::DensityModel;
 pub use grids::{Grid, Grids};
-pub use recipe::Recipe;
+pub use recipe::{Precision, Recipe};
 
 #[cfg(test)]
 mod tests;

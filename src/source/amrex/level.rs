@@ -166,11 +166,7 @@ impl LevelData {
     /// # Errors
     /// Data that are missing or contradict `Cell_H`.
     pub(super) fn fab(&self, cells: &IndexBox, place: u64) -> Result<Fab> {
-        let line = self.line_at(place)?;
-        let fault = |reason: String| Error::invalid(self.path.display(), reason);
-        let (name, offset) = fab_on_disk(&line)
-            .ok_or_else(|| fault(format!("`{}` is no FabOnDisk", shown(&line))))?;
-        let path = self.data_file(name)?;
+        let (path, offset) = self.data_at(place)?;
         let file = File::open(&path).map_err(|e| Error::io(&path, "cannot open", e))?;
         let header = match self.number {
             None => FabHeader::read((&file, &path), offset)?,
@@ -195,6 +191,19 @@ impl LevelData {
             return Err(Error::invalid(format!("{}: byte {offset}", path.display()), reason));
         }
         Ok(Fab { path, file, header })
+    }
+
+    /// The file and the byte of it where the FAB begins that the line at byte `place` of `Cell_H`
+    /// tells.
+    ///
+    /// # Errors
+    /// A line that tells no place, or one outside the plotfile.
+    pub(super) fn data_at(&self, place: u64) -> Result<(PathBuf, u64)> {
+        let line = self.line_at(place)?;
+        let (name, offset) = fab_on_disk(&line).ok_or_else(|| {
+            Error::invalid(self.path.display(), format!("`{}` is no FabOnDisk", shown(&line)))
+        })?;
+        Ok((self.data_file(name)?, offset))
     }
 
     fn with_ghosts(&self, cells: &IndexBox) -> IndexBox {

@@ -9,15 +9,18 @@ mod made;
 #[cfg(test)]
 mod tests;
 mod text;
+mod units;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use header::Header;
 use level::LevelData;
 use text::PrintedBox;
+use units::Units;
 
 use super::raw::RawArray;
-use super::{Format, GridBlock, GridRecord, Hierarchy, Source, SourceField, first_named};
+use super::{Format, GridBlock, GridRecord, Hierarchy, Source, first_named};
 use crate::space::IndexBox;
 use crate::{Error, Result};
 
@@ -69,7 +72,8 @@ impl Plotfile {
             levels.push(Level { first, extent, data });
             first = next;
         }
-        let field = |name| SourceField { name, units: None, to_cgs: None };
+        let units = Units::read(folder);
+        let field = |name| units::describe(name, units);
         let fields: Vec<_> = header.components.into_iter().map(field).collect();
         let hierarchy = Hierarchy {
             domain: header.domain,
@@ -130,6 +134,17 @@ impl Source for Plotfile {
             })?;
         }
         Ok(())
+    }
+
+    fn data_files(&self) -> Result<Vec<PathBuf>> {
+        let mut files = BTreeSet::new();
+        for level in &self.levels {
+            level.data.for_each_grid(&mut |_, _, place| {
+                files.insert(level.data.data_at(place)?.0);
+                Ok(())
+            })?;
+        }
+        Ok(files.into_iter().collect())
     }
 
     fn read(

@@ -125,6 +125,10 @@ impl Source for Output {
         Ok(())
     }
 
+    fn data_files(&self) -> Result<Vec<PathBuf>> {
+        Ok(self.pieces.iter().map(|piece| piece.path.clone()).collect())
+    }
+
     fn read(
         &self,
         grid: &GridRecord,

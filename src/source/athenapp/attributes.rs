@@ -6,6 +6,9 @@ use std::path::Path;
 use crate::source::hdf5::{File, Values};
 use crate::{Error, Result};
 
+/// Coordinates whose cells are boxes along the axes: those of flat space, and of flat space-time,
+/// as codes of general relativity call them.
+const CARTESIAN: [&str; 2] = ["cartesian", "minkowski"];
 const AXES: [&str; 3] = ["x1", "x2", "x3"];
 
 /// The attributes of the file's root group.
@@ -30,7 +33,7 @@ impl<'f> Attributes<'f> {
     pub(super) fn check_mesh(&self) -> Result<()> {
         let refuse = |reason: String| Err(Error::not_supported(self.path.display(), reason));
         let coordinates = self.value("Coordinates")?.text().unwrap_or("");
-        if coordinates != "cartesian" {
+        if !CARTESIAN.contains(&coordinates) {
             let shown: String = coordinates.escape_debug().take(40).collect();
             return refuse(format!("coordinates `{shown}`: only cartesian ones can be read"));
         }

@@ -85,6 +85,11 @@ impl Source for AthenaPp {
         self.blocks.for_each(&self.file, visit)
     }
 
+    fn data_files(&self) -> Result<Vec<PathBuf>> {
+        // The user may have named the .xdmf.
+        Ok(vec![located::data_file(&self.path)?])
+    }
+
     fn read(
         &self,
         grid: &GridRecord,

@@ -74,6 +74,14 @@ fn locations_beyond_32_bits_are_exact() {
 }
 
 #[test]
+fn flat_space_time_is_flat_space() {
+    let mut output = MadeOutput::new();
+    output.set("Coordinates", Some(AttrValue::ascii_string_sized("minkowski", 21).unwrap()));
+    output.write();
+    assert_eq!(output.read(0).unwrap().len(), 13);
+}
+
+#[test]
 fn other_meshes_are_refused_by_name() {
     let integers = |values: [i32; 3]| Some(AttrValue::I32Array(values.to_vec()));
     let floats = |values: [f32; 3]| Some(AttrValue::F32Array(values.to_vec()));

@@ -136,6 +136,11 @@ impl DataFiles {
         Ok(number)
     }
 
+    /// The paths of all files met.
+    pub(super) fn paths(&self) -> &[PathBuf] {
+        &self.paths
+    }
+
     /// The path of file `number`.
     pub(super) fn path(&self, number: u64) -> Option<PathBuf> {
         self.paths.get(usize::try_from(number).ok()?).cloned()

@@ -151,6 +151,13 @@ impl Source for Enzo {
         self.listing.for_each_grid(&self.pool, &mut |grid| visit(self.place(&grid)?))
     }
 
+    fn data_files(&self) -> Result<Vec<PathBuf>> {
+        // All are known when every grid has been placed.
+        self.for_each_grid(&mut |_| Ok(()))?;
+        let files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
+        Ok(files.paths().to_vec())
+    }
+
     fn read(
         &self,
         grid: &GridRecord,
