@@ -1,6 +1,8 @@
 //! What rays a tile's pixels take: more, and through finer levels, until no pixel may be off by
 //! more than the goal.
 
+use std::cmp::Reverse;
+
 use super::cut::{Cut, ErrorCut};
 use super::picture::Method;
 use super::ray_error::ErrorShares;
@@ -17,11 +19,15 @@ const FINER: [f64; 2] = [0.5, 1.0 / 32.0];
 const SMALLEST_LIMIT: f64 = 1e-7;
 /// Squares are not halved more often: their centres are exact to f64 then.
 const MOST_HALVINGS: u8 = 30;
-/// Squares that may wait while those go first whose pixels they harm most; beyond that those go
-/// first that harm least, so that few more can come.
-const MOST_WAITING: usize = 16 << 10;
-/// Beyond this squares are taken as they are.
-const WAITING_LIMIT: usize = 2 * MOST_WAITING;
+/// Pixels that are refined together, those whose squares are off by most first. The fewer, the
+/// fewer squares wait; the more, the more rays are marched together.
+const GROUP_PIXELS: usize = 256;
+/// Rays a pixel after which a group of pixels is looked at: whether more rays can do.
+const TRIAL_RAYS: u64 = 16;
+/// Pixels stand out that are off by more than this many times the median.
+const STANDS_OUT: f64 = 2.0;
+/// Squares that wait, at most; beyond that they are taken as they are.
+const MOST_WAITING: usize = 32 << 10;
 
 /// How exact a picture must be.
 #[derive(Debug, Clone, Copy)]
@@ -68,6 +74,8 @@ struct Waiting {
     /// To be quartered first, or marched as they are.
     quartered: bool,
     cut: Cut,
+    /// Which [`GROUP_PIXELS`] they belong to, and what they may add to these pixels' errors.
+    group: usize,
     harm: i32,
 }
 
@@ -90,6 +98,18 @@ pub(super) struct Sheet {
     goal: Option<Goal>,
     /// Rays marched.
     rays: u64,
+    group: Option<GroupInHand>,
+}
+
+/// The pixels that are being refined.
+#[derive(Debug, Clone, Copy)]
+struct GroupInHand {
+    number: usize,
+    /// Rays marched before.
+    begun: u64,
+    /// What its pixels may be off by, once that is settled: the tolerance, or more where there is
+    /// no prospect of that.
+    allowed: Option<f64>,
 }
 
 impl Sheet {
@@ -97,7 +117,7 @@ impl Sheet {
     /// wait, in vectors that have grown to at most twice what they hold.
     pub(super) const BYTES: u64 =
         (BATCH_RAYS * (size_of::<Pixel>() + size_of::<[f32; 4]>() + 2 * size_of::<Square>())
-            + (3 * BATCH_RAYS + 2 * WAITING_LIMIT) * size_of::<Found>()) as u64;
+            + (3 * BATCH_RAYS + 2 * MOST_WAITING) * size_of::<Found>()) as u64;
 
     /// Begins with the pixels of `rect`.
     pub(super) fn start(&mut self, grid: &PixelGrid, rect: PixelRect, method: &Method) {
@@ -116,6 +136,7 @@ impl Sheet {
             }
         };
         self.rays = 0;
+        self.group = None;
         self.waiting.clear();
         self.first = Some(Batch { squares, cut });
     }
@@ -127,21 +148,21 @@ impl Sheet {
         Some(batch)
     }
 
-    /// The squares that wait and harm their pixels most, without those that have become good
+    /// The squares of the first pixels that harm these most, without those that have become good
     /// enough because others have turned out better than they had to be.
     fn most_urgent(&mut self, grid: &PixelGrid) -> Option<Batch> {
-        let is_full = self.waiting() >= MOST_WAITING;
-        let urgency =
-            |group: &Waiting| if is_full { group.harm.saturating_neg() } else { group.harm };
+        let urgency = |waiting: &Waiting| (Reverse(waiting.group), waiting.harm);
         while let Some(number) = (0..self.waiting.len()).max_by_key(|n| urgency(&self.waiting[*n]))
         {
-            let Waiting { mut found, quartered, cut, .. } = self.waiting.swap_remove(number);
+            let Waiting { mut found, quartered, cut, group, .. } = self.waiting.swap_remove(number);
+            let is_over = self.is_over(grid, group);
+            self.settle(grid, group, &found);
             found.sort_by_key(|(square, ..)| square.pixel);
             let mut squares = Vec::new();
             for found in found.chunk_by(|a, b| a.0.pixel == b.0.pixel) {
                 let (pixel, rate, mean) = self.pixel(grid, found);
                 for found in found {
-                    if self.is_over(grid) || mean.total().min(found.2.total()) <= rate {
+                    if is_over || mean.total().min(found.2.total()) <= rate {
                         self.pixels[pixel].take(found, grid.weight(&found.0));
                     } else if quartered {
                         squares.extend(found.0.quarters());
@@ -162,10 +183,64 @@ impl Sheet {
         self.waiting.iter().map(|group| group.found.len()).sum()
     }
 
-    /// Whether no more rays may be marched.
-    fn is_over(&self, grid: &PixelGrid) -> bool {
-        let most = |goal: Goal| goal.rays_per_pixel.saturating_mul(self.pixels.len() as u64);
-        self.goal.is_none_or(|goal| grid.has_area() && self.rays >= most(goal))
+    /// Whether no more rays may be marched for a group of pixels.
+    fn is_over(&self, grid: &PixelGrid, group: usize) -> bool {
+        let Some(Goal { rays_per_pixel, .. }) = self.goal else { return true };
+        // Each pixel has taken one ray in the first batch.
+        let pixels = ((group + 1) * GROUP_PIXELS).min(self.pixels.len()) as u64;
+        let others = self.rays.saturating_sub(self.pixels.len() as u64);
+        grid.has_area() && others >= rays_per_pixel.saturating_sub(1).saturating_mul(pixels)
+    }
+
+    /// After [`TRIAL_RAYS`] for each pixel of a group, looks at whether most of them can come within
+    /// the tolerance with the rays that are left: bounds fall at best in proportion to rays. Where
+    /// not, rays go to those alone that stand out. `found` are squares that wait as well.
+    fn settle(&mut self, grid: &PixelGrid, number: usize, found: &[Found]) {
+        let Some(goal) = self.goal.filter(|goal| grid.has_area() && !goal.all_levels) else {
+            return;
+        };
+        let begun = match self.group {
+            Some(GroupInHand { number: current, allowed, begun }) if current == number => {
+                if allowed.is_some() {
+                    return;
+                }
+                begun
+            }
+            _ => self.rays,
+        };
+        let mut allowed = None;
+        let first = number * GROUP_PIXELS;
+        let count = GROUP_PIXELS.min(self.pixels.len() - first);
+        if self.rays - begun >= TRIAL_RAYS * count as u64 {
+            let median = self.median_bound(grid, number, found);
+            let left = goal.rays_per_pixel as f64 / TRIAL_RAYS as f64;
+            let is_within_reach = median <= left * goal.tolerance;
+            allowed = Some(if is_within_reach { goal.tolerance } else { STANDS_OUT * median });
+        }
+        self.group = Some(GroupInHand { number, begun, allowed });
+    }
+
+    /// The median of what a group's pixels are off by.
+    fn median_bound(&self, grid: &PixelGrid, number: usize, found: &[Found]) -> f64 {
+        let first = number * GROUP_PIXELS;
+        let pixels = self.pixels.iter().skip(first).take(GROUP_PIXELS);
+        let mut bounds: Vec<f64> = pixels.map(|pixel| pixel.shares.total()).collect();
+        let groups = self.waiting.iter().filter(|waiting| waiting.group == number);
+        for (square, _, shares) in groups.flat_map(|waiting| &waiting.found).chain(found) {
+            bounds[usize::from(square.pixel) - first] += grid.weight(square) * shares.total();
+        }
+        bounds.sort_unstable_by(f64::total_cmp);
+        bounds[bounds.len() / 2]
+    }
+
+    /// What a pixel may be off by.
+    fn allowed(&self, pixel: usize) -> f64 {
+        let group = self.group.filter(|group| group.number == pixel / GROUP_PIXELS);
+        match (self.goal, group.and_then(|group| group.allowed)) {
+            (None, _) => f64::INFINITY,
+            (Some(_), Some(allowed)) => allowed,
+            (Some(goal), None) => goal.tolerance,
+        }
     }
 
     /// The pixel of what was found, what these squares may be off by on average, and what they
@@ -177,7 +252,7 @@ impl Sheet {
             mean.add(shares, grid.weight(square) / whole);
         }
         let pixel = usize::from(found[0].0.pixel);
-        let allowed = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
+        let allowed = self.allowed(pixel);
         // Beside what work cannot change, as much again, within the tolerance for itself.
         let fixed = fixed(&mean);
         (pixel, self.pixels[pixel].rate(allowed).max(fixed + fixed.min(allowed)), mean)
@@ -197,7 +272,7 @@ impl Sheet {
         let can_be_finer = !matches!(batch.cut, Cut::FullDepth);
         for found in outcome.chunk_by(|a, b| a.0.pixel == b.0.pixel) {
             let (pixel, rate, mean) = self.pixel(grid, found);
-            let is_taken = mean.total() <= rate || self.is_over(grid);
+            let is_taken = mean.total() <= rate || self.is_over(grid, pixel / GROUP_PIXELS);
             let room = rate - fixed(&mean);
             if !is_taken && can_be_finer && mean.levels > LEVELS_SHARE * room {
                 worst = worst.max(mean.levels / room);
@@ -232,7 +307,7 @@ impl Sheet {
     }
 
     fn wait(&mut self, grid: &PixelGrid, squares: &[Found], quartered: bool, cut: &Cut) {
-        let mut room = WAITING_LIMIT.saturating_sub(self.waiting());
+        let mut room = MOST_WAITING.saturating_sub(self.waiting());
         let most = if quartered { BATCH_RAYS / 4 } else { BATCH_RAYS };
         for found in squares {
             let weight = grid.weight(&found.0);
@@ -241,17 +316,18 @@ impl Sheet {
                 continue;
             }
             room -= 1;
+            let group = usize::from(found.0.pixel) / GROUP_PIXELS;
             let harm = harm(weight * found.2.total());
-            let is_alike = |group: &&mut Waiting| {
-                (group.quartered, group.harm) == (quartered, harm)
-                    && group.cut == *cut
-                    && group.found.len() < most
+            let is_alike = |waiting: &&mut Waiting| {
+                (waiting.quartered, waiting.group, waiting.harm) == (quartered, group, harm)
+                    && waiting.cut == *cut
+                    && waiting.found.len() < most
             };
             match self.waiting.iter_mut().find(is_alike) {
-                Some(group) => group.found.push(*found),
+                Some(waiting) => waiting.found.push(*found),
                 None => {
                     let (found, cut) = (vec![*found], cut.clone());
-                    self.waiting.push(Waiting { found, quartered, cut, harm });
+                    self.waiting.push(Waiting { found, quartered, cut, group, harm });
                 }
             }
         }
