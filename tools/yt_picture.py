@@ -39,6 +39,9 @@ def main():
         spec = json.load(file)
     # Before OpenMP starts.
     os.environ["OMP_NUM_THREADS"] = str(spec["threads"])
+    # yt starts its threads once a brick. On a machine that others use too, threads that spin
+    # between bricks cost it several seconds a picture.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     print(json.dumps(draw(sys.argv[1], spec)))
 
 
@@ -163,8 +166,9 @@ def aim(camera, dataset, spec, lens):
     import numpy as np
 
     across, down = camera.resolution
-    distance = float(np.linalg.norm(np.subtract(spec["look_at"], spec["position"])))
-    middle = camera.focus.d
+    # Not the camera's own, which are in units of the domain's width.
+    position, middle = np.array(spec["position"]), np.array(spec["look_at"])
+    distance = float(np.linalg.norm(middle - position))
     if lens is None:
         pitch = spec["height"] / down
         # The whole domain, also behind `position`.
@@ -176,7 +180,7 @@ def aim(camera, dataset, spec, lens):
     camera.width = dataset.arr([pitch * (across - 1), pitch * (down - 1), distance], "code_length")
     camera.set_lens(lens)
     centre, width = dataset.domain_center.d, dataset.domain_width.d
-    longest = np.linalg.norm(camera.position.d - centre) + 0.5 * np.linalg.norm(width)
+    longest = np.linalg.norm(position - centre) + 0.5 * np.linalg.norm(width)
     x, y = (pitch / distance * (np.arange(n) - (n - 1) / 2) for n in (across, down))
     return longest * np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
 
