@@ -59,7 +59,9 @@ def from_file(path):
         raise SystemExit(f"{path}: yt knows log10 and linear values only")
     if volume.get("units", "code") != "code" or render.get("interpolation", "linear") != "linear":
         raise SystemExit(f"{path}: only linear interpolation and code units are compared")
-    return {"camera": scene["camera"], "volume": [volume]}
+    image = scene.get("image", {})
+    size = {key: image[key] for key in ("width", "height") if key in image}
+    return {"image": size, "camera": scene["camera"], "volume": [volume]}
 
 
 def complete(scene, field, size):
@@ -118,7 +120,8 @@ def for_yt(scene, arguments, folder):
 
 
 def table(volume):
-    """Emission times colour at equal steps of the drawn value, one range's width beyond its ends."""
+    """Emission times colour at equal steps of the drawn value, from one range's width below to one
+    above."""
     low, high = (float(x) for x in volume["range"])
     if volume["scale"] == "log10":
         low, high = np.log10(low), np.log10(high)
@@ -139,7 +142,7 @@ def colors(volume):
 
     name = volume.get("colormap", "viridis")
     if name not in matplotlib.colormaps:
-        raise SystemExit(f"colour map {name}: matplotlib has none of this name; give `color` instead")
+        raise SystemExit(f"colour map {name}: matplotlib has no such; give `color` instead")
     srgb = matplotlib.colormaps[name](np.arange(256))[:, :3]
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
     return np.column_stack([np.arange(256) / 255, linear])
