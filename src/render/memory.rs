@@ -1,8 +1,8 @@
 //! The memory plan of a picture: what everything takes, and how many bricks the rest holds.
 
+use super::RenderOptions;
 use super::load::{BrickLoader, BrickScratch};
 use super::ray_error::ErrorShares;
-use super::RenderOptions;
 use super::rays::PixelGrid;
 use super::refine::Sheet;
 use super::scaled::ScaledBrick;
@@ -172,8 +172,7 @@ mod tests {
 
     fn demand() -> impl Strategy<Value = Demand> {
         let picture = (1u32..5000, 1u32..5000, 1u64..65, 1u64..70);
-        let cache =
-            (1u64..1 << 40, 0u64..100_000, 1u64..1 << 22, 1u64..1 << 22, any::<bool>());
+        let cache = (1u64..1 << 40, 0u64..100_000, 1u64..1 << 22, 1u64..1 << 22, any::<bool>());
         (picture, cache).prop_map(|((width, height, threads, levels), cache)| Demand {
             width,
             height,

@@ -35,9 +35,9 @@ pub(super) fn load_all(
         };
         let start = |_| {
             let builder = Builder::new().stack_size(STACK_BYTES);
-            builder.spawn_scoped(scope, work).map_err(|source| {
-                Error::io(cache.path(), "cannot start a thread to load", source)
-            })
+            builder
+                .spawn_scoped(scope, work)
+                .map_err(|source| Error::io(cache.path(), "cannot start a thread to load", source))
         };
         let workers = (0..threads).map(start).collect::<Result<Vec<_>>>()?;
         workers.into_iter().try_for_each(finish)

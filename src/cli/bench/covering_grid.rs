@@ -7,6 +7,7 @@ use tempfile::TempDir;
 
 use super::covering_table::{Measured, Subject, plots, rows};
 use super::dense::{CoveringGrid, cells};
+use super::plain_array::PlainArray;
 use super::reference::largest_difference;
 use super::renderer::{Limits, Renderer};
 use super::table::csv;
@@ -40,6 +41,9 @@ pub(super) struct Arguments {
     /// Largest error: a number, or `p%` of the picture's largest value (default: the scene's)
     #[arg(long, value_name = "T")]
     tolerance: Option<String>,
+    /// n for n×n rays a pixel, or `area` (default: the scene's)
+    #[arg(long, value_name = "N|area")]
+    samples: Option<String>,
     /// Write covering-grid.csv and a plot of time for each scene to this folder too
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -101,7 +105,9 @@ fn has_range(path: &Path, cache: &Cache) -> Result<()> {
     });
     Err(Error::invalid(
         path.display(),
-        format!("without `range` each grid would be mapped by extrema of its own: give one{example}"),
+        format!(
+            "without `range` each grid would be mapped by extrema of its own: give one{example}"
+        ),
     ))
 }
 
@@ -182,7 +188,7 @@ impl<'b> Bench<'b> {
         let header = cache.header();
         let simulated = || header.levels.iter().filter(|level| level.simulation.is_some());
         let mut subject = Subject {
-            is_grid: false,
+            array: None,
             level: simulated().filter_map(|level| level.simulation).max().unwrap_or(0),
             cells: simulated().map(|level| u128::from(level.cells)).sum(),
             file_bytes: header.file_bytes,
@@ -191,41 +197,39 @@ impl<'b> Bench<'b> {
         };
         for scene in self.scenes {
             let cost = self.renderer.render(&subject.path, scene, &self.options(false))?;
-            self.pictures.push(self.renderer.picture()?);
-            subject.measured.push(Measured::new(cost, 0.0));
+            let picture = self.renderer.picture()?;
+            subject.measured.push(Measured::new(cost, 0.0, picture.largest_value()));
+            self.pictures.push(picture);
         }
         Ok(subject)
     }
 
     /// Writes the grid at `level` to `folder` and renders it.
-    fn measure_grid(
-        &mut self,
-        cache: &Cache,
-        level: &TreeLevel,
-        folder: &Path,
-    ) -> Result<Subject> {
+    fn measure_grid(&mut self, cache: &Cache, level: &TreeLevel, folder: &Path) -> Result<Subject> {
         let number = level.simulation.unwrap_or(0);
         let path = folder.join(format!("grid-{number}.dfc"));
+        let grid = CoveringGrid::new(cache, level)?;
+        let file_bytes = self.write_grid(cache, &grid, &path)?;
+        let array = PlainArray::write(&grid, folder.join(format!("grid-{number}.f32")))?;
         let mut subject = Subject {
-            is_grid: true,
+            array: Some(array),
             level: number,
             cells: cells(&cache.header().domain, level.octree).iter().product(),
-            file_bytes: self.write_grid(cache, level, &path)?,
+            file_bytes,
             path,
             measured: Vec::new(),
         };
         for (scene, picture) in self.scenes.iter().zip(&self.pictures) {
             let cost = self.resident.render(&subject.path, scene, &self.options(true))?;
-            let difference = largest_difference(picture, &self.resident.picture()?);
-            let largest = f64::from(picture.largest_value());
-            subject.measured.push(Measured::new(cost, difference / largest));
+            let film = self.resident.picture()?;
+            let difference = largest_difference(picture, &film);
+            subject.measured.push(Measured::new(cost, difference, film.largest_value()));
         }
         Ok(subject)
     }
 
     /// How large the file is that holds the grid, bytes.
-    fn write_grid(&self, cache: &Cache, level: &TreeLevel, path: &Path) -> Result<u64> {
-        let grid = CoveringGrid::new(cache, level)?;
+    fn write_grid(&self, cache: &Cache, grid: &CoveringGrid<'_>, path: &Path) -> Result<u64> {
         let threads = self.arguments.limits.threads.map(|threads| threads as usize);
         let options = Options {
             fields: cache.header().fields.iter().map(|field| field.name.clone()).collect(),
@@ -239,7 +243,7 @@ impl<'b> Bench<'b> {
         })?;
         let bar = Bar::new("grid", "bricks");
         let mut listener = |_, done, total| bar.show("grid", done, total);
-        let header = ingest::ingest(&grid, path, &options, &mut Progress::new(&mut listener))?;
+        let header = ingest::ingest(grid, path, &options, &mut Progress::new(&mut listener))?;
         Ok(header.file_bytes)
     }
 
@@ -249,8 +253,10 @@ impl<'b> Bench<'b> {
         for round in 1..rounds {
             bar.show("again", round.into(), rounds.into());
             for subject in subjects.iter_mut() {
-                let options = self.options(subject.is_grid);
-                let renderer = if subject.is_grid { &self.resident } else { &self.renderer };
+                let is_grid = subject.array.is_some();
+                let options = self.options(is_grid);
+                let renderer = if is_grid { &self.resident } else { &self.renderer };
+                subject.array.as_mut().map_or(Ok(()), PlainArray::read)?;
                 for (scene, measured) in self.scenes.iter().zip(&mut subject.measured) {
                     measured.take(&renderer.render(&subject.path, scene, &options)?);
                 }
@@ -260,9 +266,10 @@ impl<'b> Bench<'b> {
     }
 
     fn options(&self, is_grid: bool) -> Vec<String> {
-        let tolerance = self.arguments.tolerance.iter();
-        let mut options: Vec<_> =
-            tolerance.map(|tolerance| format!("--tolerance={tolerance}")).collect();
+        let Arguments { tolerance, samples, .. } = self.arguments;
+        let tolerance = tolerance.iter().map(|tolerance| format!("--tolerance={tolerance}"));
+        let samples = samples.iter().map(|samples| format!("--samples={samples}"));
+        let mut options: Vec<_> = tolerance.chain(samples).collect();
         options.extend(is_grid.then(|| "--resident".to_owned()));
         options
     }

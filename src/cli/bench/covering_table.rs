@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use super::plain_array::PlainArray;
 use super::plot::{Line, Mark, Plot, Series};
 use super::renderer::Cost;
 use super::table::{Columns, column, number, optional};
@@ -12,7 +13,8 @@ const VALUE_BYTES: u128 = 4;
 /// The cache, or a grid.
 #[derive(Debug)]
 pub(super) struct Subject {
-    pub(super) is_grid: bool,
+    /// The grid as an array of plain values; the cache has none.
+    pub(super) array: Option<PlainArray>,
     /// The grid's level, or the cache's deepest.
     pub(super) level: u32,
     /// Cells of the grid, or of all levels of the simulation.
@@ -28,14 +30,16 @@ pub(super) struct Subject {
 #[derive(Debug)]
 pub(super) struct Measured {
     cost: Cost,
-    /// Largest difference to the cache's picture, as a part of that one's largest value.
+    /// Largest difference to the cache's picture, absolute.
     difference: f64,
+    /// Largest value of its picture.
+    largest: f64,
 }
 
 impl Measured {
     /// What the first render took.
-    pub(super) fn new(cost: Cost, difference: f64) -> Self {
-        Self { cost, difference }
+    pub(super) fn new(cost: Cost, difference: f64, largest: f32) -> Self {
+        Self { cost, difference, largest: largest.into() }
     }
 
     /// Another render of the same picture.
@@ -65,17 +69,22 @@ pub(super) fn rows(subjects: &[Subject], scenes: &[PathBuf]) -> Vec<Columns> {
 fn row(subject: &Subject, cache: &Subject, place: usize, scene: &PathBuf) -> Option<Columns> {
     let (measured, other) = (subject.measured.get(place)?, cache.measured.get(place)?);
     let (cost, cache_cost) = (&measured.cost, &other.cost);
-    let array_bytes = subject.is_grid.then_some(subject.cells * VALUE_BYTES);
+    let array_bytes = subject.array.is_some().then_some(subject.cells * VALUE_BYTES);
+    let array_seconds = subject.array.as_ref().map(|array| array.seconds);
+    let least_seconds = array_seconds.map(|seconds| seconds + cost.render_seconds);
+    let largest = other.largest;
+    let relative = (largest > 0.0).then(|| number(measured.difference / largest));
     let peak = |cost: &Cost| cost.peak_rss_bytes.map(|bytes| bytes as f64);
     let memory = peak(cost).zip(peak(cache_cost));
     let array = array_bytes.zip(peak(cache_cost));
     Some(vec![
         column("scene", scene.display()),
-        column("data", if subject.is_grid { "grid" } else { "cache" }),
+        column("data", if subject.array.is_some() { "grid" } else { "cache" }),
         column("level", subject.level),
         column("cells", subject.cells),
         optional("array_bytes", array_bytes),
         column("file_bytes", subject.file_bytes),
+        optional("array_seconds", array_seconds),
         column("loading_seconds", measured.loading_seconds()),
         column("render_seconds", cost.render_seconds),
         column("seconds", cost.wall_seconds),
@@ -83,6 +92,7 @@ fn row(subject: &Subject, cache: &Subject, place: usize, scene: &PathBuf) -> Opt
         column("tolerance_absolute", number(cost.tolerance)),
         optional("error_bound", cost.error_bound.map(number)),
         column("difference", number(measured.difference)),
+        optional("difference_relative", relative),
         ratio("cells_over_cache", subject.cells as f64 / cache.cells as f64),
         ratio("file_over_cache", subject.file_bytes as f64 / cache.file_bytes as f64),
         ratio("loading_over_cache", measured.loading_seconds() / other.loading_seconds()),
@@ -90,6 +100,10 @@ fn row(subject: &Subject, cache: &Subject, place: usize, scene: &PathBuf) -> Opt
         ratio("seconds_over_cache", cost.wall_seconds / cache_cost.wall_seconds),
         optional("memory_over_cache", memory.map(|(grid, cache)| rounded(grid / cache))),
         optional("array_over_cache", array.map(|(grid, cache)| rounded(grid as f64 / cache))),
+        optional(
+            "least_seconds_over_cache",
+            least_seconds.map(|seconds| rounded(seconds / cache_cost.wall_seconds)),
+        ),
     ])
 }
 
@@ -114,10 +128,9 @@ pub(super) fn plots(subjects: &[Subject], scenes: &[PathBuf]) -> Vec<(String, Pl
 
 fn plot(subjects: &[Subject], place: usize, scene: &str) -> Plot {
     let series = |name: &str, seconds: fn(&Cost) -> f64| {
-        let grids = subjects.iter().filter(|subject| subject.is_grid);
-        let points = grids.filter_map(|grid| {
-            Some([grid.cells as f64, seconds(&grid.measured.get(place)?.cost)])
-        });
+        let grids = subjects.iter().filter(|subject| subject.array.is_some());
+        let points = grids
+            .filter_map(|grid| Some([grid.cells as f64, seconds(&grid.measured.get(place)?.cost)]));
         Series::new(name, Mark::Joined, points)
     };
     let cache = subjects.first().and_then(|cache| cache.measured.get(place));

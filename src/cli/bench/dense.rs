@@ -146,8 +146,7 @@ impl Sampling<'_, '_> {
         let half = self.grid.cache.header().shape.edge() as i128 / 2;
         let lowest = place.lowest_cell(self.grid.cache.header().shape);
         let shift = self.shift(place);
-        let lo: [i128; 3] =
-            std::array::from_fn(|a| lowest[a] + half * i128::from(octant >> a & 1));
+        let lo: [i128; 3] = std::array::from_fn(|a| lowest[a] + half * i128::from(octant >> a & 1));
         let octant = IndexBox { lo: lo.map(|c| c << shift), hi: lo.map(|c| (c + half) << shift) };
         octant.intersection(&self.wanted)
     }

@@ -6,6 +6,7 @@ mod dense;
 mod depth;
 mod fixed;
 mod measure;
+mod plain_array;
 mod plot;
 mod plots;
 mod reading;
