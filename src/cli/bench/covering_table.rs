@@ -1,6 +1,6 @@
 //! A cache beside covering grids, as rows and plots.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::plain_array::PlainArray;
 use super::plot::{Line, Mark, Plot, Series};
@@ -61,12 +61,13 @@ impl Measured {
 pub(super) fn rows(subjects: &[Subject], scenes: &[PathBuf]) -> Vec<Columns> {
     let Some(cache) = subjects.first() else { return Vec::new() };
     let of_scene = |(place, scene)| {
+        let scene: &PathBuf = scene;
         subjects.iter().filter_map(move |subject| row(subject, cache, place, scene))
     };
     scenes.iter().enumerate().flat_map(of_scene).collect()
 }
 
-fn row(subject: &Subject, cache: &Subject, place: usize, scene: &PathBuf) -> Option<Columns> {
+fn row(subject: &Subject, cache: &Subject, place: usize, scene: &Path) -> Option<Columns> {
     let (measured, other) = (subject.measured.get(place)?, cache.measured.get(place)?);
     let (cost, cache_cost) = (&measured.cost, &other.cost);
     let array_bytes = subject.array.is_some().then_some(subject.cells * VALUE_BYTES);
