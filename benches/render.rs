@@ -58,7 +58,13 @@ fn measure(cache: &Path, brick: u32, mode: &str, tolerance: &str) -> Result<()> 
     for _ in 0..RUNS {
         let opened = Cache::open(cache, Cursor::WINDOWS)?;
         let started = Instant::now();
-        let options = RenderOptions { memory: 1 << 30, threads: 1, progress: None, fixed: None };
+        let options = RenderOptions {
+            memory: 1 << 30,
+            threads: 1,
+            progress: None,
+            fixed: None,
+            resident: false,
+        };
         let rendered = render(&opened, &scene, &options)?;
         let seconds = started.elapsed().as_secs_f64();
         if best.as_ref().is_none_or(|(least, _)| seconds < *least) {

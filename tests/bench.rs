@@ -134,6 +134,92 @@ fn depths_are_compared_with_the_first() {
     }
 }
 
+/// The scene of [`cache_and_scene`], which has the values that map to 0 and 1, with more lines.
+fn with_range(folder: &Path, scene: &Path, lines: &str) -> PathBuf {
+    let text = std::fs::read_to_string(scene).unwrap();
+    let text = text.replace("[render]\n", &format!("[render]\n{lines}\n"));
+    let text = text.replace("scale = \"log10\"", "scale = \"log10\"\nrange = [0.2, 300.0]");
+    written(folder, "ranged.toml", &text)
+}
+
+#[test]
+fn the_grid_of_the_deepest_level_shows_the_same_cells() {
+    let (folder, cache, scene) = cache_and_scene("1");
+    let scene = with_range(folder.path(), &scene, "interpolation = \"cell\"");
+    let words: [&dyn AsRef<OsStr>; 6] =
+        [&"covering-grid", &cache, &scene, &"--tolerance=0", &"--levels=0..4", &"--repeat=1"];
+    let rows = table(&bench(&words).done());
+    let data: Vec<_> = rows.iter().map(|row| (&row["data"][..], &row["level"][..])).collect();
+    let grids = ["0", "1", "2", "3", "4"].map(|level| ("grid", level));
+    assert_eq!(data, [&[("cache", "4")][..], &grids].concat());
+    for (row, level) in rows[1..].iter().zip(0..) {
+        // The recipe's root grid.
+        let cells = 20.0 * 14.0 * 18.0 * 8f64.powi(level);
+        assert_eq!((number(row, "cells"), number(row, "array_bytes")), (cells, 4.0 * cells));
+        for column in ["file_bytes", "loading_seconds", "render_seconds", "peak_rss_bytes"] {
+            assert!(number(row, column) > 0.0);
+        }
+        let ratio = number(row, "file_bytes") / number(&rows[0], "file_bytes");
+        assert!((number(row, "file_over_cache") / ratio - 1.0).abs() < 1e-3);
+    }
+    let differences: Vec<_> = rows.iter().map(|row| number(row, "difference_relative")).collect();
+    // Both add up the same cells, one of them piece by piece where the other has large cells.
+    assert!(differences[5] < 1e-5, "{differences:?}");
+    assert!(differences[1..5].is_sorted_by(|a, b| a > b) && differences[4] > 5e-4);
+}
+
+#[test]
+fn grids_are_compared_where_the_memory_has_room_from_two_cameras() {
+    let (folder, cache, _) = cache_and_scene("1");
+    let plots = folder.path().join("plots");
+    let words: [&dyn AsRef<OsStr>; 6] =
+        [&"covering-grid", &cache, &"--memory=64MiB", &"--repeat=2", &"-o", &plots];
+    let csv = bench(&words).done();
+    let rows = table(&csv);
+    let data: Vec<_> = rows.iter().map(|row| (&row["data"][..], &row["level"][..])).collect();
+    // Level 3 has 2.6 million cells: at some 23 bytes a cell the grid takes 59 MB.
+    let each = [("cache", "4"), ("grid", "0"), ("grid", "1"), ("grid", "2"), ("grid", "3")];
+    assert_eq!(data, [each, each].concat());
+    for (half, name) in rows.chunks(5).zip(["outside", "inside"]) {
+        assert!(half.iter().all(|row| row["scene"].ends_with(&format!("{name}.toml"))));
+        for row in &half[1..] {
+            assert!(number(row, "difference_relative") > 1e-3, "{row:?}");
+            assert!(number(row, "array_seconds") < number(row, "loading_seconds"), "{row:?}");
+            let parts = number(row, "loading_seconds") + number(row, "render_seconds");
+            assert!(number(row, "seconds") >= parts - 1e-9, "{row:?}");
+        }
+    }
+    assert_eq!(names(&plots), ["1-outside.svg", "2-inside.svg", "covering-grid.csv"]);
+    assert_eq!(std::fs::read_to_string(plots.join("covering-grid.csv")).unwrap(), csv);
+}
+
+#[test]
+fn covering_grids_that_cannot_be_compared_are_refused() {
+    let (folder, cache, scene) = cache_and_scene("1");
+    let ranged = with_range(folder.path(), &scene, "");
+    let absent = folder.path().join("absent");
+    let refused = |words: &[&dyn AsRef<OsStr>], what: &str| {
+        let line = bench(&[&[&"covering-grid" as &dyn AsRef<OsStr>], words].concat()).failed();
+        assert!(line.contains(what), "{line}");
+    };
+    refused(&[&absent, &ranged], "absent");
+    refused(&[&cache, &absent], "absent");
+    refused(&[&cache, &scene], "without `range`");
+    refused(&[&cache, &ranged, &"--level=5"], "the deepest level");
+    refused(&[&cache, &ranged, &"--level=4", &"--memory=64MiB"], "raise --memory");
+    refused(&[&cache, &ranged, &"--memory=64KiB"], "raise --memory");
+    refused(&[&cache, &ranged, &"--tolerance=much"], "tolerance");
+    refused(&[&cache, &ranged, &"--samples=0"], "samples");
+    refused(&[&cache, &ranged, &"-o", &scene], "a scene.toml");
+    for level in ["--level=", "--level=3..1", "--level=-1", "--level=0..."] {
+        assert_eq!(bench(&[&"covering-grid", &cache, &ranged, &level]).code, Some(2), "{level}");
+    }
+    let dump = synth("small", folder.path()).unwrap();
+    let holed = folder.path().join("holed.dfc");
+    run(&[&"ingest", &dump, &"-o", &holed, &"--drop-below=1.0"]).done();
+    refused(&[&holed, &ranged], "were dropped");
+}
+
 #[test]
 fn reading_is_compared_with_plain_reading_in_every_layout() {
     let folder = TempDir::new().unwrap();

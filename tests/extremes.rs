@@ -44,7 +44,13 @@ impl Subject {
 
     fn render(&self, view: &View, volume: &str) -> Film {
         let scene = Scene::parse(&view.scene(volume), "scene").unwrap();
-        let options = RenderOptions { memory: 256 << 20, threads: 2, progress: None, fixed: None };
+        let options = RenderOptions {
+            memory: 256 << 20,
+            threads: 2,
+            progress: None,
+            fixed: None,
+            resident: false,
+        };
         let film = render(&self.cache, &scene, &options).unwrap().film;
         assert!(film.pixels().iter().flatten().all(|c| c.is_finite() && *c >= 0.0), "{film:?}");
         film

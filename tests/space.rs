@@ -78,6 +78,16 @@ proptest! {
     }
 
     #[test]
+    fn decimals_of_a_position_lead_back_to_it(domain in domains(), parts in parts()) {
+        let corner = domain.cell_corner(60, cells_at(&domain, 60, parts));
+        let texts = domain.decimals(&corner).unwrap();
+        let found = domain.position(&texts.each_ref().map(|t| Decimal::parse(t).unwrap())).unwrap();
+        for a in 0..3 {
+            prop_assert!((0..=1).contains(&(corner.0[a] - found.0[a])), "{texts:?}");
+        }
+    }
+
+    #[test]
     fn decimals_are_floored(
         domain in domains(),
         octree in level(),

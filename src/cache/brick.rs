@@ -59,6 +59,18 @@ pub struct RawBrick {
 }
 
 impl RawBrick {
+    /// How many levels up the owner of a cell lies (the finest level that has data there), and the
+    /// stored value and [`state`] that it has; the cell is counted from the brick's lowest one.
+    /// None where the brick is damaged.
+    pub fn owner(&self, cell: [usize; 3]) -> Option<(usize, f32, u8)> {
+        self.blocks.iter().enumerate().find_map(|(up, block)| {
+            let [x, y, z] = cell.map(|c| c.checked_shr(up as u32).unwrap_or(0) + 1);
+            let at = block.at(x, y, z);
+            let bits = *block.states.get(at)?;
+            (bits & state::EXISTS != 0).then(|| (up, block.values[at], bits))
+        })
+    }
+
     /// Sets the brick up for `blocks` blocks of shape `shape`, reusing memory.
     pub(crate) fn reset(&mut self, shape: BrickShape, blocks: usize) {
         self.blocks.resize_with(blocks, Block::default);

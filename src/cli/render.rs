@@ -41,6 +41,10 @@ pub(super) struct Arguments {
     /// by hand instead of by tolerance: no bound of the error, for comparison
     #[arg(long, value_name = "PIXELS,RAYS,ACCURACY", value_parser = parse_fixed)]
     fixed: Option<FixedSetting>,
+    /// Load all bricks of the field before drawing, as renderers do that hold everything in memory:
+    /// for comparison
+    #[arg(long)]
+    resident: bool,
     /// Write what the picture took, as JSON
     #[arg(long, value_name = "FILE.json")]
     stats: Option<PathBuf>,
@@ -69,6 +73,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         threads: arguments.threads.map_or_else(all_cores, |n| n as usize),
         progress: Some(&progress),
         fixed: arguments.fixed,
+        resident: arguments.resident,
     };
     let mut rendered = render(&cache, &scene, &options)?;
     rendered.stats.set_opening(opening);

@@ -1,12 +1,13 @@
 //! The memory plan of a picture: what everything takes, and how many bricks the rest holds.
 
+use super::RenderOptions;
 use super::load::{BrickLoader, BrickScratch};
 use super::ray_error::ErrorShares;
 use super::rays::PixelGrid;
 use super::refine::Sheet;
 use super::scaled::ScaledBrick;
 use super::tile::Tile;
-use crate::cache::{Cache, Cursor, WINDOW_BYTES};
+use crate::cache::{BrickShape, Cache, Cursor, WINDOW_BYTES};
 use crate::image::Film;
 use crate::paging::{Budget, Counters, MEBIBYTE, Pool, Reservation};
 use crate::{Error, Result};
@@ -60,17 +61,30 @@ struct Demand {
     scratch: u64,
     /// A slot with a brick of the largest kind.
     slot: u64,
+    /// Whether all bricks stay.
+    resident: bool,
+}
+
+/// Bytes that a brick of `shape` with `blocks` blocks takes while it is loaded.
+pub fn loaded_bytes(shape: BrickShape, blocks: usize) -> u64 {
+    let overhead = Pool::<BrickLoader<'_>>::slot_overhead() + size_of::<ScaledBrick>() as u64;
+    ScaledBrick::bytes(shape, blocks) + overhead
 }
 
 impl MemoryPlan {
-    /// The plan of a picture of `pixels` from `cache` on `threads` threads within `limit` bytes.
+    /// The plan of a picture of `pixels` from `cache` on `threads` threads within the limit of
+    /// `options`.
     ///
     /// # Errors
     /// A limit that is too small: the message names the smallest that works, in MiB.
-    pub fn new(cache: &Cache, pixels: &PixelGrid, threads: usize, limit: u64) -> Result<Self> {
+    pub fn new(
+        cache: &Cache,
+        pixels: &PixelGrid,
+        threads: usize,
+        options: &RenderOptions<'_>,
+    ) -> Result<Self> {
         let header = cache.header();
         let blocks = usize::from(header.max_parent_blocks) + 1;
-        let overhead = Pool::<BrickLoader<'_>>::slot_overhead() + size_of::<ScaledBrick>() as u64;
         let index_bytes = header.index_pages.saturating_mul(64 << 10);
         Self::from_demand(
             &Demand {
@@ -84,9 +98,10 @@ impl MemoryPlan {
                 index_windows: index_bytes.div_ceil(WINDOW_BYTES),
                 page_table: header.index_pages.saturating_mul(8),
                 scratch: BrickScratch::bytes(cache),
-                slot: ScaledBrick::bytes(header.shape, blocks) + overhead,
+                slot: loaded_bytes(header.shape, blocks),
+                resident: options.resident,
             },
-            limit,
+            options.memory,
         )
     }
 
@@ -95,6 +110,7 @@ impl MemoryPlan {
         // A thread pins a brick a level on its way down, and fills one more.
         let per_thread = demand.levels + 1 + AHEAD_SLOTS as u64;
         let fewest_slots = threads.saturating_mul(per_thread).saturating_add(readers);
+        let fewest_slots = if demand.resident { u64::MAX } else { fewest_slots };
         let fewest_slots = fewest_slots.min(bricks.max(1));
         let fewest_windows = threads.saturating_mul(Cursor::WINDOWS as u64).saturating_add(1);
         let mut parts = fixed_parts(demand);
@@ -156,7 +172,7 @@ mod tests {
 
     fn demand() -> impl Strategy<Value = Demand> {
         let picture = (1u32..5000, 1u32..5000, 1u64..65, 1u64..70);
-        let cache = (1u64..1 << 40, 0u64..100_000, 1u64..1 << 22, 1u64..1 << 22);
+        let cache = (1u64..1 << 40, 0u64..100_000, 1u64..1 << 22, 1u64..1 << 22, any::<bool>());
         (picture, cache).prop_map(|((width, height, threads, levels), cache)| Demand {
             width,
             height,
@@ -169,6 +185,7 @@ mod tests {
             page_table: cache.1 * 32,
             scratch: cache.2,
             slot: cache.3,
+            resident: cache.4,
         })
     }
 
@@ -187,7 +204,8 @@ mod tests {
             prop_assert_eq!(named(&below), smallest);
             let pins = usize::try_from(demand.threads * (demand.levels + 1) + demand.readers);
             let bricks = usize::try_from(demand.bricks).unwrap();
-            prop_assert!(least.slots >= pins.unwrap().min(bricks));
+            let fewest = if demand.resident { bricks } else { pins.unwrap().min(bricks) };
+            prop_assert!(least.slots >= fewest);
             match MemoryPlan::from_demand(&demand, limit) {
                 Ok(plan) => {
                     let budget = Budget::new(limit);

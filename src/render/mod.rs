@@ -31,6 +31,7 @@ mod march_tests;
 pub mod memory;
 mod picture;
 mod polynomial;
+mod preload;
 mod probe;
 pub mod ray_error;
 pub mod ray_state;
@@ -102,6 +103,9 @@ pub struct RenderOptions<'o> {
     /// Draws by these settings instead of the scene's tolerance and samples, without a bound of
     /// the error.
     pub fixed: Option<FixedSetting>,
+    /// Loads all bricks of the field before anything is drawn, for comparison with renderers that
+    /// hold all data in memory: the limit must have room for them.
+    pub resident: bool,
 }
 
 /// The settings of a renderer that knows nothing of its error, as its user picks them by hand:
@@ -141,7 +145,7 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     let by_hand = |fixed: FixedSetting| Samples::Grid(fixed.rays_per_axis);
     let samples = options.fixed.map_or(scene.render.samples, by_hand);
     let pixels = PixelGrid::new(&view, samples);
-    let plan = MemoryPlan::new(cache, &pixels, threads, options.memory)?;
+    let plan = MemoryPlan::new(cache, &pixels, threads, options)?;
     let reserved = plan.reserve(&Budget::new(options.memory))?;
     cache.set_index_windows(plan.windows);
     let counters = Counters::new(header.nodes(), header.levels.len());
@@ -149,6 +153,11 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     let accounts = options.fixed.is_none().then_some(&exact.all);
     let loader = BrickLoader { cache, shading: &shading, accounts };
     let pool = Pool::new(plan.slots, loader, &counters);
+    let load_seconds = if options.resident {
+        preload::load_all(cache, &pool, shading.field, threads)?.as_secs_f64()
+    } else {
+        0.0
+    };
     let (shading, plan) = (&shading, &plan);
     let studio = Studio { cache, scene, shading, exact: &exact, pool: &pool, plan, threads };
     let mut samples = vec![0; header.levels.len()];
@@ -165,7 +174,8 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     stats.error_bound = outcome.shares.map(|shares| shares.total());
     stats.error_shares = outcome.shares;
     stats.peak_rss_bytes = peak_rss_bytes();
-    stats.render_seconds = started.elapsed().as_secs_f64();
+    stats.load_seconds = load_seconds;
+    stats.render_seconds = started.elapsed().as_secs_f64() - load_seconds;
     stats.set_opening(0.0);
     Ok(Rendered { film: outcome.film, stats })
 }

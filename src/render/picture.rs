@@ -124,7 +124,7 @@ impl Picture<'_, '_> {
     }
 }
 
-fn finish<T>(thread: ScopedJoinHandle<'_, T>) -> T {
+pub(super) fn finish<T>(thread: ScopedJoinHandle<'_, T>) -> T {
     thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 

@@ -121,7 +121,7 @@ impl<'c> Probe<'c> {
         }
         self.load(finest)?;
         let raw = &self.bricks[&finest.node];
-        let Some((up, value, bits)) = owner(raw, cell) else {
+        let Some((up, value, bits)) = raw.owner(cell) else {
             return Err(self.damaged(finest, "no level owns a cell"));
         };
         let level = self.level(finest.place.tree_level.saturating_sub(up))?;
@@ -185,17 +185,6 @@ impl<'c> Probe<'c> {
         let place = self.cache.path().display();
         Error::invalid(place, format!("brick {} is damaged: {reason}", finest.node))
     }
-}
-
-/// How many levels up the owner of a cell (counted from the brick's lowest) lies, its stored
-/// value and its state.
-fn owner(raw: &RawBrick, cell: [usize; 3]) -> Option<(usize, f32, u8)> {
-    raw.blocks.iter().enumerate().find_map(|(up, block)| {
-        let [x, y, z] = cell.map(|c| c.checked_shr(up as u32).unwrap_or(0) + 1);
-        let at = block.at(x, y, z);
-        let bits = *block.states.get(at)?;
-        (bits & state::EXISTS != 0).then(|| (up, block.values[at], bits))
-    })
 }
 
 fn unknown_field(cache: &Cache, name: &str) -> Error {

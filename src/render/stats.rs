@@ -32,11 +32,13 @@ pub struct LevelStats {
 /// lie beneath transparent ones or beneath the cut count as in view.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Stats {
-    /// Opening and rendering, without writing the picture, seconds.
+    /// Opening, loading and rendering, without writing the picture, seconds.
     pub wall_seconds: f64,
     /// Opening cache and scene, seconds: set by whoever opened them ([`Self::set_opening`]).
     pub open_seconds: f64,
-    /// Planning and drawing, seconds.
+    /// Loading all bricks before anything is drawn, where that was asked for; 0 otherwise, seconds.
+    pub load_seconds: f64,
+    /// Planning and drawing, with what is loaded meanwhile, seconds.
     pub render_seconds: f64,
     /// Time that marching threads spent until bricks were there (reading and decoding what was
     /// not read ahead, or waiting for it), seconds of all threads together.
@@ -90,7 +92,7 @@ impl Stats {
     /// Says how long opening took, seconds.
     pub fn set_opening(&mut self, seconds: f64) {
         self.open_seconds = seconds;
-        self.wall_seconds = seconds + self.render_seconds;
+        self.wall_seconds = seconds + self.load_seconds + self.render_seconds;
     }
 
     pub(super) fn set_bricks(&mut self, total: u64, census: &Census, counters: &Counters) {

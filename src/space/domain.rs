@@ -1,5 +1,7 @@
 //! The simulation's domain and exact positions in it.
 
+use std::f64::consts::LOG10_2;
+
 use glam::DVec3;
 use num_bigint::BigInt;
 use num_integer::Integer;
@@ -134,6 +136,32 @@ impl Domain {
             )));
         }
         units.to_i128().ok_or_else(|| Error::request("a position is out of range"))
+    }
+
+    /// `position` in code length, as decimals with digits enough to tell its units apart, floored.
+    ///
+    /// # Errors
+    /// None: edges are finite.
+    pub fn decimals(&self, position: &Position) -> Result<[String; 3]> {
+        let mut decimals = <[String; 3]>::default();
+        for (a, decimal) in decimals.iter_mut().enumerate() {
+            let (left, right) =
+                (Decimal::from_f64(self.left[a])?, Decimal::from_f64(self.right[a])?);
+            // left + (right − left) · position / (root_cells · 2^96) over one common denominator.
+            let units = BigInt::from(self.root_cells[a]) << FRACTION_BITS;
+            let from = &left.numerator * &right.denominator;
+            let width = &right.numerator * &left.denominator - &from;
+            let numerator = from * &units + width * BigInt::from(position.0[a]);
+            let denominator = left.denominator * right.denominator * units;
+            let smallest = self.root_cell_width()[a].log10() - f64::from(FRACTION_BITS) * LOG10_2;
+            let digits = (-smallest).ceil().max(1.0) as usize;
+            let scaled = (numerator * BigInt::from(10).pow(digits as u32)).div_floor(&denominator);
+            let sign = if scaled.is_negative() { "-" } else { "" };
+            let text = format!("{:0>1$}", scaled.abs().to_string(), digits + 1);
+            let (whole, fraction) = text.split_at(text.len() - digits);
+            *decimal = format!("{sign}{whole}.{fraction}");
+        }
+        Ok(decimals)
     }
 
     /// `to − from` in code length: the exact difference, rounded once along each axis.

@@ -124,7 +124,13 @@ impl Questions {
 }
 
 fn picture(cache: &Cache, scene: &Scene) -> Answer {
-    let options = RenderOptions { memory: 128 << 20, threads: 1, progress: None, fixed: None };
+    let options = RenderOptions {
+        memory: 128 << 20,
+        threads: 1,
+        progress: None,
+        fixed: None,
+        resident: false,
+    };
     let rendered = render(cache, scene, &options).map_err(|error| error.to_string())?;
     let values = rendered.film.pixels().iter().flatten();
     assert!(values.clone().all(|value| value.is_finite()), "a pixel is no number");

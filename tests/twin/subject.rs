@@ -123,7 +123,13 @@ impl Subject {
     pub(crate) fn picture(&self, text: &str, stored_error: f64) -> Result<Rendered> {
         let cache = self.cache(stored_error)?;
         let scene = deepfield::scene::Scene::parse(text, "scene").map_err(|e| e.to_string())?;
-        let options = RenderOptions { memory: MEMORY, threads: 2, progress: None, fixed: None };
+        let options = RenderOptions {
+            memory: MEMORY,
+            threads: 2,
+            progress: None,
+            fixed: None,
+            resident: false,
+        };
         render(&cache, &scene, &options).map_err(|e| e.to_string())
     }
 

@@ -1,8 +1,12 @@
 //! `deepfield bench`: what pictures and reading cost, measured on a user's own data.
 
+mod covering_grid;
+mod covering_table;
+mod dense;
 mod depth;
 mod fixed;
 mod measure;
+mod plain_array;
 mod plot;
 mod plots;
 mod reading;
@@ -11,10 +15,15 @@ mod reference;
 mod renderer;
 mod table;
 mod tolerance;
+mod viewpoints;
+
+use std::io::Write;
+use std::path::Path;
 
 use clap::{Args, Subcommand};
 
-use crate::Result;
+use crate::atomic_file::AtomicFile;
+use crate::{Error, Result};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -28,6 +37,8 @@ enum Subject {
     Tolerance(tolerance::Arguments),
     /// The same picture from caches that differ in depth: CSV
     Depth(depth::Arguments),
+    /// A cache against dense grids of its levels, held in memory: CSV, and plots with -o
+    CoveringGrid(covering_grid::Arguments),
     /// Reading simulation outputs against plain reading of the same files: CSV
     Reading(reading::Arguments),
 }
@@ -36,6 +47,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     match &arguments.subject {
         Subject::Tolerance(arguments) => tolerance::run(arguments),
         Subject::Depth(arguments) => depth::run(arguments),
+        Subject::CoveringGrid(arguments) => covering_grid::run(arguments),
         Subject::Reading(arguments) => reading::run(arguments),
     }
+}
+
+/// Writes a table or a plot.
+fn write(path: &Path, text: &str) -> Result<()> {
+    let file = AtomicFile::create(path)?;
+    file.file()
+        .write_all(text.as_bytes())
+        .map_err(|source| Error::io(path, "cannot write", source))?;
+    file.commit()
 }

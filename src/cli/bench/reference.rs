@@ -72,7 +72,9 @@ fn converge(exact: impl Fn(u32) -> Result<Film>, budget: Duration) -> Result<Ref
     }
 }
 
-fn largest_difference(a: &Film, b: &Film) -> f64 {
+/// The largest difference of any channel of any pixel; infinite where one of both is not a number,
+/// or where the sizes differ.
+pub(super) fn largest_difference(a: &Film, b: &Film) -> f64 {
     if (a.width(), a.height()) != (b.width(), b.height()) {
         return f64::INFINITY;
     }

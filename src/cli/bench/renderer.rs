@@ -18,10 +18,10 @@ use crate::{Error, Result};
 pub(super) struct Limits {
     /// Memory limit of each render
     #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse)]
-    memory: u64,
+    pub(super) memory: u64,
     /// Threads (default: all cores)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
-    threads: Option<u32>,
+    pub(super) threads: Option<u32>,
     /// Renders of each picture; the best time counts
     #[arg(
         long, value_name = "N", default_value_t = 3,
@@ -33,8 +33,14 @@ pub(super) struct Limits {
 /// What one picture took, as its stats say; of keys that they may lack, nothing.
 #[derive(Debug, Clone, Deserialize)]
 pub(super) struct Cost {
-    /// Opening and rendering, without writing the picture, seconds.
+    /// Opening, loading and rendering, without writing the picture, seconds.
     pub(super) wall_seconds: f64,
+    /// Opening, seconds.
+    pub(super) open_seconds: f64,
+    /// Loading before anything is drawn, seconds.
+    pub(super) load_seconds: f64,
+    /// Rendering, with what is loaded meanwhile, seconds.
+    pub(super) render_seconds: f64,
     /// Tolerance as used, absolute.
     pub(super) tolerance: f64,
     /// The certified bound, absolute.

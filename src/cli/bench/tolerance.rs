@@ -1,7 +1,6 @@
 //! `deepfield bench tolerance`.
 
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
@@ -12,7 +11,6 @@ use super::plots::plots;
 use super::reference::Reference;
 use super::renderer::{Limits, Renderer};
 use super::table::{self, Row};
-use crate::atomic_file::AtomicFile;
 use crate::cli::output::Output;
 use crate::cli::progress::Bar;
 use crate::scene::Scene;
@@ -63,10 +61,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     time_again(&bench, &mut rows, rivals.as_deref_mut(), arguments.limits.repeat)?;
     let text = table::sweep(&rows, &reference, rivals.as_deref())?;
     if let Some(folder) = output {
-        write(&folder.join("tolerance.csv"), &text)?;
+        super::write(&folder.join("tolerance.csv"), &text)?;
         let name = scene.file_stem().unwrap_or_default().to_string_lossy();
         for (file, plot) in plots(&name, &rows, &reference, rivals.as_deref().unwrap_or_default()) {
-            write(&folder.join(file), &plot.svg())?;
+            super::write(&folder.join(file), &plot.svg())?;
         }
     }
     let mut output = Output::new();
@@ -129,12 +127,4 @@ fn time_again(
         }
     }
     Ok(())
-}
-
-fn write(path: &Path, text: &str) -> Result<()> {
-    let file = AtomicFile::create(path)?;
-    file.file()
-        .write_all(text.as_bytes())
-        .map_err(|source| Error::io(path, "cannot write", source))?;
-    file.commit()
 }

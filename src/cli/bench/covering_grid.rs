@@ -1,0 +1,276 @@
+//! `deepfield bench covering-grid`.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use tempfile::TempDir;
+
+use super::covering_table::{Measured, Subject, plots, rows};
+use super::dense::{CoveringGrid, cells};
+use super::plain_array::PlainArray;
+use super::reference::largest_difference;
+use super::renderer::{Limits, Renderer};
+use super::table::csv;
+use super::viewpoints;
+use crate::cache::{BrickShape, Cache, Cursor, TreeLevel};
+use crate::cli::output::Output;
+use crate::cli::progress::Bar;
+use crate::image::Film;
+use crate::ingest::{self, Options, Progress, in_pool};
+use crate::render::memory::loaded_bytes;
+use crate::scene::Scene;
+use crate::space::Domain;
+use crate::{Error, Result};
+
+/// Cells along an edge of a grid's bricks: of the sizes that there are, the fastest to march where
+/// all cells are there.
+const EDGE: u32 = 16;
+/// A grid's bricks hold themselves and one block of the level above.
+const BLOCKS: usize = 2;
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// The cache
+    cache: PathBuf,
+    /// Scenes (TOML) that give a `range` (default: a camera outside and one in the deepest region)
+    scenes: Vec<PathBuf>,
+    /// A grid's level, or several as `0..4` (repeat for more; default: from 0 while --memory has
+    /// room)
+    #[arg(long, visible_alias = "levels", value_name = "L", value_parser = parse_levels)]
+    level: Vec<(u32, u32)>,
+    /// Largest error: a number, or `p%` of the picture's largest value (default: the scene's)
+    #[arg(long, value_name = "T")]
+    tolerance: Option<String>,
+    /// n for n×n rays a pixel, or `area` (default: the scene's)
+    #[arg(long, value_name = "N|area")]
+    samples: Option<String>,
+    /// Write covering-grid.csv and a plot of time for each scene to this folder too
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    limits: Limits,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let folder = TempDir::new()
+        .map_err(|source| Error::io(std::env::temp_dir(), "cannot make a folder", source))?;
+    let cache = Cache::open(&arguments.cache, Cursor::WINDOWS)?;
+    let scenes = match &arguments.scenes[..] {
+        [] => viewpoints::write(&cache, folder.path())?,
+        given => given.to_vec(),
+    };
+    scenes.iter().try_for_each(|scene| has_range(scene, &cache))?;
+    let levels = chosen(&cache, arguments)?;
+    if let Some(folder) = &arguments.output {
+        std::fs::create_dir_all(folder)
+            .map_err(|source| Error::io(folder, "cannot make the folder", source))?;
+    }
+    let mut bench = Bench::new(arguments, &scenes)?;
+    let mut subjects = vec![bench.measure_cache(&cache)?];
+    for level in levels {
+        subjects.push(bench.measure_grid(&cache, level, folder.path())?);
+    }
+    bench.repeat(&mut subjects, arguments.limits.repeat)?;
+    let text = csv(&rows(&subjects, &scenes))?;
+    if let Some(folder) = &arguments.output {
+        super::write(&folder.join("covering-grid.csv"), &text)?;
+        for (name, plot) in plots(&subjects, &scenes) {
+            super::write(&folder.join(name), &plot.svg())?;
+        }
+    }
+    let mut output = Output::new();
+    text.lines().try_for_each(|line| output.line(line))?;
+    output.finish()
+}
+
+/// `3`, or `0..4` with both ends.
+fn parse_levels(text: &str) -> Result<(u32, u32), String> {
+    let (first, last) = text.split_once("..").unwrap_or((text, text));
+    match (first.trim().parse(), last.trim().parse()) {
+        (Ok(first), Ok(last)) if first <= last => Ok((first, last)),
+        _ => Err(format!("`{text}` is no level: write one as 3, or several as 0..4")),
+    }
+}
+
+/// Without a range of its own a scene takes the field's extrema, and those of a grid are others.
+fn has_range(path: &Path, cache: &Cache) -> Result<()> {
+    let volume = Scene::load(path)?.volume;
+    if volume.range.is_some() {
+        return Ok(());
+    }
+    let header = cache.header();
+    let extrema = header.field(&volume.field).and_then(|field| header.fields.get(field));
+    let example = extrema.map_or_else(String::new, |field| {
+        format!(", for the field's own extrema range = [{:e}, {:e}]", field.min, field.max)
+    });
+    Err(Error::invalid(
+        path.display(),
+        format!(
+            "without `range` each grid would be mapped by extrema of its own: give one{example}"
+        ),
+    ))
+}
+
+/// The levels of the grids to compare with.
+fn chosen<'c>(cache: &'c Cache, arguments: &Arguments) -> Result<Vec<&'c TreeLevel>> {
+    let header = cache.header();
+    let all = || header.levels.iter().filter(|level| level.simulation.is_some());
+    let has_room = |level: &&TreeLevel| {
+        resident_bytes(&header.domain, level.octree) <= u128::from(arguments.limits.memory)
+    };
+    let too_large = |level: &TreeLevel| {
+        Error::request(format!(
+            "the grid of level {} takes {} MiB when it is loaded: raise --memory or choose a \
+             coarser --level",
+            level.simulation.unwrap_or(0),
+            resident_bytes(&header.domain, level.octree).div_ceil(1 << 20)
+        ))
+    };
+    if arguments.level.is_empty() {
+        let levels: Vec<_> = all().take_while(has_room).collect();
+        return match (levels.is_empty(), all().next()) {
+            (true, Some(first)) => Err(too_large(first)),
+            _ => Ok(levels),
+        };
+    }
+    let deepest = all().filter_map(|level| level.simulation).max().unwrap_or(0);
+    if let Some((_, last)) = arguments.level.iter().find(|(_, last)| *last > deepest) {
+        return Err(Error::request(format!(
+            "--level {last}: the deepest level of {} is {deepest}",
+            cache.path().display()
+        )));
+    }
+    let is_asked = |level: &&TreeLevel| {
+        let number = level.simulation.unwrap_or(0);
+        arguments.level.iter().any(|(first, last)| (*first..=*last).contains(&number))
+    };
+    let levels: Vec<_> = all().filter(is_asked).collect();
+    match levels.iter().find(|level| !has_room(level)) {
+        Some(level) => Err(too_large(level)),
+        None => Ok(levels),
+    }
+}
+
+/// Bytes of the grid at octree level `octree` when all its bricks are loaded, with those of the
+/// levels above it.
+fn resident_bytes(domain: &Domain, octree: i32) -> u128 {
+    let mut along = cells(domain, octree).map(|cells| cells.div_ceil(EDGE.into()));
+    let count = |along: [u128; 3]| along.iter().fold(1, |n: u128, more| n.saturating_mul(*more));
+    let mut bricks = count(along);
+    while along.iter().any(|bricks| *bricks > 1) {
+        along = along.map(|bricks| bricks.div_ceil(2));
+        bricks = bricks.saturating_add(count(along));
+    }
+    let each = BrickShape::new(EDGE).map_or(0, |shape| loaded_bytes(shape, BLOCKS));
+    bricks.saturating_mul(each.into())
+}
+
+/// What all measurements share.
+struct Bench<'b> {
+    arguments: &'b Arguments,
+    scenes: &'b [PathBuf],
+    renderer: Renderer,
+    /// For grids, of which all bricks take up to the limit, and what else a picture takes as much.
+    resident: Renderer,
+    /// The cache's pictures.
+    pictures: Vec<Film>,
+}
+
+impl<'b> Bench<'b> {
+    fn new(arguments: &'b Arguments, scenes: &'b [PathBuf]) -> Result<Self> {
+        let memory = arguments.limits.memory.saturating_mul(2);
+        let resident = Renderer::new(&Limits { memory, ..arguments.limits.clone() })?;
+        let renderer = Renderer::new(&arguments.limits)?;
+        Ok(Self { arguments, scenes, renderer, resident, pictures: Vec::new() })
+    }
+
+    fn measure_cache(&mut self, cache: &Cache) -> Result<Subject> {
+        let header = cache.header();
+        let simulated = || header.levels.iter().filter(|level| level.simulation.is_some());
+        let mut subject = Subject {
+            array: None,
+            level: simulated().filter_map(|level| level.simulation).max().unwrap_or(0),
+            cells: simulated().map(|level| u128::from(level.cells)).sum(),
+            file_bytes: header.file_bytes,
+            path: self.arguments.cache.clone(),
+            measured: Vec::new(),
+        };
+        for scene in self.scenes {
+            let cost = self.renderer.render(&subject.path, scene, &self.options(false))?;
+            let picture = self.renderer.picture()?;
+            subject.measured.push(Measured::new(cost, 0.0, picture.largest_value()));
+            self.pictures.push(picture);
+        }
+        Ok(subject)
+    }
+
+    /// Writes the grid at `level` to `folder` and renders it.
+    fn measure_grid(&mut self, cache: &Cache, level: &TreeLevel, folder: &Path) -> Result<Subject> {
+        let number = level.simulation.unwrap_or(0);
+        let path = folder.join(format!("grid-{number}.dfc"));
+        let grid = CoveringGrid::new(cache, level)?;
+        let file_bytes = self.write_grid(cache, &grid, &path)?;
+        let array = PlainArray::write(&grid, folder.join(format!("grid-{number}.f32")))?;
+        let mut subject = Subject {
+            array: Some(array),
+            level: number,
+            cells: cells(&cache.header().domain, level.octree).iter().product(),
+            file_bytes,
+            path,
+            measured: Vec::new(),
+        };
+        for (scene, picture) in self.scenes.iter().zip(&self.pictures) {
+            let cost = self.resident.render(&subject.path, scene, &self.options(true))?;
+            let film = self.resident.picture()?;
+            let difference = largest_difference(picture, &film);
+            subject.measured.push(Measured::new(cost, difference, film.largest_value()));
+        }
+        Ok(subject)
+    }
+
+    /// How large the file is that holds the grid, bytes.
+    fn write_grid(&self, cache: &Cache, grid: &CoveringGrid<'_>, path: &Path) -> Result<u64> {
+        let threads = self.arguments.limits.threads.map(|threads| threads as usize);
+        let options = Options {
+            fields: cache.header().fields.iter().map(|field| field.name.clone()).collect(),
+            threads,
+            brick: Some(EDGE),
+            ..Options::default()
+        };
+        in_pool(threads, || {
+            cache.set_index_windows((rayon::current_num_threads() + 1) * Cursor::WINDOWS + 1);
+            Ok(())
+        })?;
+        let bar = Bar::new("grid", "bricks");
+        let mut listener = |_, done, total| bar.show("grid", done, total);
+        let header = ingest::ingest(grid, path, &options, &mut Progress::new(&mut listener))?;
+        Ok(header.file_bytes)
+    }
+
+    /// All subjects take turns, so that what slows the machine down slows all.
+    fn repeat(&self, subjects: &mut [Subject], rounds: u32) -> Result<()> {
+        let bar = Bar::new("again", "rounds");
+        for round in 1..rounds {
+            bar.show("again", round.into(), rounds.into());
+            for subject in subjects.iter_mut() {
+                let is_grid = subject.array.is_some();
+                let options = self.options(is_grid);
+                let renderer = if is_grid { &self.resident } else { &self.renderer };
+                subject.array.as_mut().map_or(Ok(()), PlainArray::read)?;
+                for (scene, measured) in self.scenes.iter().zip(&mut subject.measured) {
+                    measured.take(&renderer.render(&subject.path, scene, &options)?);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn options(&self, is_grid: bool) -> Vec<String> {
+        let Arguments { tolerance, samples, .. } = self.arguments;
+        let tolerance = tolerance.iter().map(|tolerance| format!("--tolerance={tolerance}"));
+        let samples = samples.iter().map(|samples| format!("--samples={samples}"));
+        let mut options: Vec<_> = tolerance.chain(samples).collect();
+        options.extend(is_grid.then(|| "--resident".to_owned()));
+        options
+    }
+}
