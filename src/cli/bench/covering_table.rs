@@ -61,10 +61,10 @@ impl Measured {
 pub(super) fn rows(subjects: &[Subject], scenes: &[PathBuf]) -> Vec<Columns> {
     let Some(cache) = subjects.first() else { return Vec::new() };
     let of_scene = |(place, scene)| {
-        let scene: &PathBuf = scene;
         subjects.iter().filter_map(move |subject| row(subject, cache, place, scene))
     };
-    scenes.iter().enumerate().flat_map(of_scene).collect()
+    let scenes = scenes.iter().map(PathBuf::as_path);
+    scenes.enumerate().flat_map(of_scene).collect()
 }
 
 fn row(subject: &Subject, cache: &Subject, place: usize, scene: &Path) -> Option<Columns> {
