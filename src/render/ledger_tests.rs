@@ -102,7 +102,8 @@ impl Stage {
         let (state, error) = self.gather(square, true);
         let centre = channels(&state);
         let (light, opacity, brightest) = (state.light(), state.opacity(), self.brightest());
-        let farthest = error.off_by(error.farthest, light, brightest);
+        // Of light, and of opacity, whose own light is never brighter than 1.
+        let farthest = error.off_by(error.farthest, light, brightest).max(error.farthest.dimmed);
         let area = error.shares(light, opacity, brightest, 0.0).pixel_area;
         let (mut mean, mut worst) = ([0.0; 4], 0.0_f64);
         let width = 2.0 * square.half();
