@@ -62,6 +62,7 @@ pub mod tree_walk;
 pub mod view;
 #[cfg(test)]
 mod view_tests;
+mod waiting;
 mod walk;
 
 use std::sync::Mutex;

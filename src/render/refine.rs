@@ -1,12 +1,11 @@
 //! What rays a tile's pixels take: more, and through finer levels, until no pixel may be off by
 //! more than the goal.
 
-use std::cmp::Reverse;
-
 use super::cut::{Cut, ErrorCut};
 use super::picture::Method;
 use super::ray_error::ErrorShares;
 use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
+use super::waiting::{Found, GROUP_PIXELS, ToDo, Waiting};
 
 /// The part of the goal that a first batch leaves to a single brick: few bricks along a ray are
 /// off by as much as the cut allows.
@@ -19,15 +18,10 @@ const FINER: [f64; 2] = [0.5, 1.0 / 32.0];
 const SMALLEST_LIMIT: f64 = 1e-7;
 /// Squares are not halved more often: their centres are exact to f64 then.
 const MOST_HALVINGS: u8 = 30;
-/// Pixels that are refined together, those whose squares are off by most first. The fewer, the
-/// fewer squares wait; the more, the more rays are marched together.
-const GROUP_PIXELS: usize = 256;
 /// Rays a pixel after which a group of pixels is looked at: whether more rays can do.
 const TRIAL_RAYS: u64 = 16;
 /// Pixels stand out that are off by more than this many times the median.
 const STANDS_OUT: f64 = 2.0;
-/// Squares that wait, at most; beyond that they are taken as they are.
-const MOST_WAITING: usize = 32 << 10;
 
 /// How exact a picture must be.
 #[derive(Debug, Clone, Copy)]
@@ -64,21 +58,6 @@ pub(super) struct Batch {
     pub(super) cut: Cut,
 }
 
-/// What a ray has found: its square, radiance and opacity, and what they may be off by.
-type Found = (Square, [f64; 4], ErrorShares);
-
-/// Squares that wait for their turn, alike in what is to be done with them and in the harm that
-/// they do.
-struct Waiting {
-    found: Vec<Found>,
-    /// To be quartered first, or marched as they are.
-    quartered: bool,
-    cut: Cut,
-    /// Which [`GROUP_PIXELS`] they belong to, and what they may add to these pixels' errors.
-    group: usize,
-    harm: i32,
-}
-
 /// What is known of a pixel so far.
 #[derive(Debug, Clone, Copy, Default)]
 struct Pixel {
@@ -94,7 +73,7 @@ pub(super) struct Sheet {
     pixels: Vec<Pixel>,
     finished: Vec<[f32; 4]>,
     first: Option<Batch>,
-    waiting: Vec<Waiting>,
+    waiting: Waiting,
     goal: Option<Goal>,
     /// Rays marched.
     rays: u64,
@@ -114,10 +93,13 @@ struct GroupInHand {
 
 impl Sheet {
     /// Bytes that a sheet takes: pixels, the batch in hand and what it finds, and squares that
-    /// wait, in vectors that have grown to at most twice what they hold.
-    pub(super) const BYTES: u64 =
-        (BATCH_RAYS * (size_of::<Pixel>() + size_of::<[f32; 4]>() + 2 * size_of::<Square>())
-            + (3 * BATCH_RAYS + 2 * MOST_WAITING) * size_of::<Found>()) as u64;
+    /// wait.
+    pub(super) const BYTES: u64 = Waiting::BYTES
+        + (BATCH_RAYS
+            * (size_of::<Pixel>()
+                + size_of::<[f32; 4]>()
+                + 2 * size_of::<Square>()
+                + 3 * size_of::<Found>())) as u64;
 
     /// Begins with the pixels of `rect`.
     pub(super) fn start(&mut self, grid: &PixelGrid, rect: PixelRect, method: &Method) {
@@ -151,10 +133,7 @@ impl Sheet {
     /// The squares of the first pixels that harm these most, without those that have become good
     /// enough because others have turned out better than they had to be.
     fn most_urgent(&mut self, grid: &PixelGrid) -> Option<Batch> {
-        let urgency = |waiting: &Waiting| (Reverse(waiting.group), waiting.harm);
-        while let Some(number) = (0..self.waiting.len()).max_by_key(|n| urgency(&self.waiting[*n]))
-        {
-            let Waiting { mut found, quartered, cut, group, .. } = self.waiting.swap_remove(number);
+        while let Some((group, mut found, ToDo { quartered, cut })) = self.waiting.pop() {
             let is_over = self.is_over(grid, group);
             self.settle(grid, group, &found);
             found.sort_by_key(|(square, ..)| square.pixel);
@@ -176,11 +155,6 @@ impl Sheet {
             }
         }
         None
-    }
-
-    /// Squares that wait.
-    fn waiting(&self) -> usize {
-        self.waiting.iter().map(|group| group.found.len()).sum()
     }
 
     /// Whether no more rays may be marched for a group of pixels.
@@ -225,8 +199,7 @@ impl Sheet {
         let first = number * GROUP_PIXELS;
         let pixels = self.pixels.iter().skip(first).take(GROUP_PIXELS);
         let mut bounds: Vec<f64> = pixels.map(|pixel| pixel.shares.total()).collect();
-        let groups = self.waiting.iter().filter(|waiting| waiting.group == number);
-        for (square, _, shares) in groups.flat_map(|waiting| &waiting.found).chain(found) {
+        for (square, _, shares) in self.waiting.of_group(number).chain(found) {
             bounds[usize::from(square.pixel) - first] += grid.weight(square) * shares.total();
         }
         bounds.sort_unstable_by(f64::total_cmp);
@@ -292,7 +265,7 @@ impl Sheet {
                 }
             }
         }
-        self.wait(grid, &quartered, true, &batch.cut);
+        self.wait(grid, &quartered, &ToDo { quartered: true, cut: batch.cut.clone() });
         if let (Some(goal), false) = (self.goal, finer.is_empty()) {
             let cut = match &batch.cut {
                 Cut::Error(cut) => {
@@ -302,33 +275,16 @@ impl Sheet {
                 }
                 _ => Cut::FullDepth,
             };
-            self.wait(grid, &finer, false, &cut);
+            self.wait(grid, &finer, &ToDo { quartered: false, cut });
         }
     }
 
-    fn wait(&mut self, grid: &PixelGrid, squares: &[Found], quartered: bool, cut: &Cut) {
-        let mut room = MOST_WAITING.saturating_sub(self.waiting());
-        let most = if quartered { BATCH_RAYS / 4 } else { BATCH_RAYS };
+    /// Lets squares wait; what there is no room for is taken as it is.
+    fn wait(&mut self, grid: &PixelGrid, squares: &[Found], to_do: &ToDo) {
         for found in squares {
             let weight = grid.weight(&found.0);
-            if room == 0 {
+            if !self.waiting.push(*found, weight, to_do) {
                 self.pixels[usize::from(found.0.pixel)].take(found, weight);
-                continue;
-            }
-            room -= 1;
-            let group = usize::from(found.0.pixel) / GROUP_PIXELS;
-            let harm = harm(weight * found.2.total());
-            let is_alike = |waiting: &&mut Waiting| {
-                (waiting.quartered, waiting.group, waiting.harm) == (quartered, group, harm)
-                    && waiting.cut == *cut
-                    && waiting.found.len() < most
-            };
-            match self.waiting.iter_mut().find(is_alike) {
-                Some(waiting) => waiting.found.push(*found),
-                None => {
-                    let (found, cut) = (vec![*found], cut.clone());
-                    self.waiting.push(Waiting { found, quartered, cut, group, harm });
-                }
             }
         }
     }
@@ -368,11 +324,6 @@ impl Pixel {
 /// What neither finer levels nor more rays change.
 fn fixed(shares: &ErrorShares) -> f64 {
     shares.total() - shares.levels - shares.pixel_area
-}
-
-/// Orders squares by what they may add to their pixels' errors, in powers of four.
-fn harm(error: f64) -> i32 {
-    if error.is_finite() { (0.5 * error.log2()).floor() as i32 } else { i32::MAX }
 }
 
 #[cfg(test)]

@@ -1,0 +1,135 @@
+//! Squares of pixels that wait for more rays.
+
+use std::cmp::Reverse;
+
+use super::cut::Cut;
+use super::ray_error::ErrorShares;
+use super::rays::{BATCH_RAYS, Square};
+
+/// Pixels that are refined together, those whose squares are off by most first. The fewer, the
+/// fewer squares wait; the more, the more rays are marched together.
+pub(super) const GROUP_PIXELS: usize = 256;
+/// Squares that wait, at most.
+const MOST_WAITING: usize = 32 << 10;
+
+/// What a ray has found: its square, radiance and opacity, and what they may be off by.
+pub(super) type Found = (Square, [f64; 4], ErrorShares);
+
+/// What is to be done with squares.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct ToDo {
+    /// To be quartered first, or marched as they are.
+    pub(super) quartered: bool,
+    pub(super) cut: Cut,
+}
+
+/// Squares alike in what is to be done with them and in the harm that they do.
+struct Alike {
+    found: Vec<Found>,
+    to_do: ToDo,
+    /// Which [`GROUP_PIXELS`] they belong to, and what they may add to these pixels' errors.
+    group: usize,
+    harm: i32,
+}
+
+/// All squares of a tile that wait.
+#[derive(Default)]
+pub(super) struct Waiting {
+    alike: Vec<Alike>,
+    count: usize,
+}
+
+impl Waiting {
+    /// Bytes at most: vectors have grown to at most twice what they hold.
+    pub(super) const BYTES: u64 = (2 * MOST_WAITING * size_of::<Found>()) as u64;
+
+    pub(super) fn clear(&mut self) {
+        self.alike.clear();
+        self.count = 0;
+    }
+
+    /// Takes those out of the first group of pixels that harm these most; the group's number with
+    /// them.
+    pub(super) fn pop(&mut self) -> Option<(usize, Vec<Found>, ToDo)> {
+        let urgency = |alike: &Alike| (Reverse(alike.group), alike.harm);
+        let number = (0..self.alike.len()).max_by_key(|n| urgency(&self.alike[*n]))?;
+        let Alike { found, to_do, group, .. } = self.alike.swap_remove(number);
+        self.count -= found.len();
+        Some((group, found, to_do))
+    }
+
+    /// What waits of a group of pixels.
+    pub(super) fn of_group(&self, group: usize) -> impl Iterator<Item = &Found> {
+        self.alike.iter().filter(move |alike| alike.group == group).flat_map(|alike| &alike.found)
+    }
+
+    /// Adds what stands for `weight` of its pixel; false where there is no room.
+    pub(super) fn push(&mut self, found: Found, weight: f64, to_do: &ToDo) -> bool {
+        if self.count >= MOST_WAITING {
+            return false;
+        }
+        self.count += 1;
+        let group = usize::from(found.0.pixel) / GROUP_PIXELS;
+        let harm = harm(weight * found.2.total());
+        let most = if to_do.quartered { BATCH_RAYS / 4 } else { BATCH_RAYS };
+        let is_alike = |alike: &&mut Alike| {
+            (alike.group, alike.harm) == (group, harm)
+                && alike.to_do == *to_do
+                && alike.found.len() < most
+        };
+        match self.alike.iter_mut().find(is_alike) {
+            Some(alike) => alike.found.push(found),
+            None => {
+                let (found, to_do) = (vec![found], to_do.clone());
+                self.alike.push(Alike { found, to_do, group, harm });
+            }
+        }
+        true
+    }
+}
+
+/// Orders squares by what they may add to their pixels' errors, in powers of four.
+fn harm(error: f64) -> i32 {
+    if error.is_finite() { (0.5 * error.log2()).floor() as i32 } else { i32::MAX }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(pixel: u16, error: f64) -> Found {
+        let square = Square { centre: [0.5; 2], pixel, halvings: 0 };
+        (square, [0.0; 4], ErrorShares { pixel_area: error, ..ErrorShares::default() })
+    }
+
+    #[test]
+    fn the_first_groups_worst_squares_come_first() {
+        let mut waiting = Waiting::default();
+        let to_do = ToDo { quartered: true, cut: Cut::FullDepth };
+        let far = GROUP_PIXELS as u16;
+        for (pixel, error) in [(1, 0.01), (far, 9.0), (2, f64::NAN), (3, 0.0), (0, 0.011), (4, 1.0)]
+        {
+            assert!(waiting.push(found(pixel, error), 1.0, &to_do));
+        }
+        assert_eq!(waiting.of_group(0).count(), 5);
+        let mut pixels = Vec::new();
+        while let Some((group, found, _)) = waiting.pop() {
+            assert!(found.iter().all(|f| usize::from(f.0.pixel) / GROUP_PIXELS == group));
+            pixels.extend(found.iter().map(|f| f.0.pixel));
+        }
+        assert_eq!(pixels, [2, 4, 1, 0, 3, far]);
+    }
+
+    #[test]
+    fn no_more_wait_than_there_is_room_for() {
+        let mut waiting = Waiting::default();
+        let to_do = ToDo { quartered: false, cut: Cut::FullDepth };
+        for _ in 0..MOST_WAITING {
+            assert!(waiting.push(found(0, 1.0), 1.0, &to_do));
+        }
+        assert!(!waiting.push(found(0, 1.0), 1.0, &to_do));
+        let (_, taken, _) = waiting.pop().unwrap();
+        assert_eq!(taken.len(), BATCH_RAYS);
+        assert!(waiting.push(found(0, 1.0), 1.0, &to_do));
+    }
+}
