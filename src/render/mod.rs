@@ -288,7 +288,8 @@ impl<'s> Studio<'s> {
 
     /// Draws `picture` within `goal`; where that is to be a part of the picture's largest value,
     /// which is known only then, tiles that have turned out too coarse are drawn again. Those
-    /// that could not be drawn within the goal are left: a smaller one changes nothing.
+    /// whose levels and rays could not be brought within the goal are left: a smaller one changes
+    /// nothing.
     fn draw_within(
         &self,
         picture: &mut Picture<'_, 's>,
@@ -305,17 +306,20 @@ impl<'s> Studio<'s> {
             };
             picture.draw((self.threads, self.plan.readers), &wanted, samples)?;
             let Some(part) = part else { return Ok(()) };
-            let bounds: Vec<f64> = lock(&picture.bounds).iter().map(ErrorShares::total).collect();
-            for (n, bound) in bounds.iter().enumerate().filter(|(n, _)| is_drawn_again[*n]) {
-                is_within[n] = *bound <= goal.tolerance;
+            let shares = lock(&picture.bounds).clone();
+            for (n, shares) in shares.iter().enumerate().filter(|(n, _)| is_drawn_again[*n]) {
+                is_within[n] = shares.levels + shares.pixel_area <= goal.tolerance;
             }
+            let bounds: Vec<f64> = shares.iter().map(ErrorShares::total).collect();
             let good = bounds.iter().zip(&is_within).filter(|(_, is_within)| **is_within);
             let bound = good.fold(0.0, |most, (bound, _)| bound.max(most));
             let largest = f64::from(lock(&picture.film).largest_value());
             let limit = part * (largest - bound).max(0.5 * largest);
             is_drawn_again =
                 bounds.iter().zip(&is_within).map(|(b, within)| *within && *b > limit).collect();
-            if !is_drawn_again.contains(&true) {
+            // Where the goal would be the same, what is left is not for more work to change.
+            let is_settled = FIRST_TRY * limit >= 0.99 * goal.tolerance;
+            if is_settled || !is_drawn_again.contains(&true) {
                 return Ok(());
             }
             goal.tolerance = FIRST_TRY * limit;
