@@ -79,8 +79,8 @@ impl Stage {
     /// What the square's ray gathers, and its account if asked for.
     fn gather(&self, square: &Square, accounts: bool) -> (RayState, RayError) {
         let (mut state, mut error) = (RayState::default(), RayError::default());
-        let light =
-            Light { pieces: &self.transfer.all, ending: Ending::new(self.brightest(), 0.0) };
+        let ending = Ending::new(self.brightest(), 0.0);
+        let light = Light { pieces: &self.transfer.all, ending, packets: None };
         let (plane, half) = (self.grid.plane(square), self.grid.half(square));
         for Part { brick, region, frame, footprint } in &self.parts {
             if !meets(footprint, plane, half) {

@@ -2,6 +2,7 @@
 
 use super::absorb::Integrator;
 use super::frame::LocalRay;
+use super::grade::PacketTransfer;
 use super::interpolant::DrawnNeighbours;
 use super::ledger::{DomainEnd, Ledger};
 use super::march_cell::march_cells;
@@ -23,6 +24,14 @@ pub struct Region {
     pub ends: u8,
 }
 
+impl Region {
+    /// Clipped to a brick of `edge` cells.
+    pub(super) fn within(&self, edge: usize) -> Self {
+        let (lo, hi) = (self.lo.map(|x| x.max(0.0)), self.hi.map(|x| x.min(edge as f64)));
+        Self { lo, hi, ends: self.ends }
+    }
+}
+
 const ALL_FACES: u8 = 0x3f;
 
 /// What all rays of a picture march by.
@@ -31,6 +40,8 @@ pub(super) struct Light<'l> {
     pub(super) pieces: &'l PieceList,
     /// Where a ray may end.
     pub(super) ending: Ending,
+    /// What packets of rays march by, if they may.
+    pub(super) packets: Option<PacketTransfer>,
 }
 
 /// The brick that a ray passes through, and what of it is drawn.
@@ -85,10 +96,7 @@ fn march_brick(
     state: &mut RayState,
     account: Option<(&mut RayError, &Beam)>,
 ) -> u64 {
-    let edge = passage.brick.edge as f64;
-    let mut region = passage.region;
-    region.lo = region.lo.map(|x| x.max(0.0));
-    region.hi = region.hi.map(|x| x.min(edge));
+    let mut region = passage.region.within(passage.brick.edge);
     if passage.brick.is_piecewise_constant() {
         // Values do not meet at the brick's faces either.
         region.ends = ALL_FACES;

@@ -2,7 +2,7 @@
 //! ray, or a few polynomials beside borders of levels.
 
 use super::absorb::Integrator;
-use super::blend::march_mixed;
+use super::blend::{Rung, march_mixed};
 use super::frame::LocalRay;
 use super::interpolant::DrawnNeighbours;
 use super::ledger::Ledger;
@@ -21,23 +21,14 @@ pub(super) fn march_linear(
     integrator: &mut Integrator<'_>,
     ledger: &mut Option<Ledger<'_>>,
 ) {
-    let lo = region.lo.map(|x| (x + 0.5).floor() as i32);
-    let hi = std::array::from_fn(|a| ((region.hi[a] + 0.5).ceil() as i32 - 1).max(lo[a]));
+    let DualRange { lo, hi } = DualRange::of(region);
     let mut walk = Walk::new(ray, span, 0.5, lo, hi);
     let mut rungs = Vec::new();
     while let Some(step) = walk.next() {
         if integrator.is_faded() {
             break;
         }
-        let kind = kind(brick, step.cell, drawn);
-        if let Some(ledger) = ledger {
-            ledger.enter(step.cell, integrator);
-        }
-        match kind {
-            dual::PLAIN => march_plain(brick, ray, &step, integrator),
-            dual::MIXED => march_mixed(brick, drawn, ray, &step, &mut rungs, integrator),
-            _ => {}
-        }
+        let kind = pass_dual_cell((brick, drawn), ray, &step, &mut rungs, integrator, ledger);
         if let Some(ledger) = ledger
             && ledger.is_spread()
         {
@@ -53,6 +44,43 @@ pub(super) fn march_linear(
     if let Some(ledger) = ledger {
         ledger.close(integrator);
     }
+}
+
+/// The dual cells of a region, lowest and highest along each axis.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct DualRange {
+    pub(super) lo: [i32; 3],
+    pub(super) hi: [i32; 3],
+}
+
+impl DualRange {
+    pub(super) fn of(region: &Region) -> Self {
+        let lo = region.lo.map(|x| (x + 0.5).floor() as i32);
+        let hi = std::array::from_fn(|a| ((region.hi[a] + 0.5).ceil() as i32 - 1).max(lo[a]));
+        Self { lo, hi }
+    }
+}
+
+/// The way through one dual cell. Returns its [`dual`] kind.
+#[inline]
+pub(super) fn pass_dual_cell(
+    (brick, drawn): (&ScaledBrick, DrawnNeighbours),
+    ray: &LocalRay,
+    step: &Step,
+    rungs: &mut Vec<Rung>,
+    integrator: &mut Integrator<'_>,
+    ledger: &mut Option<Ledger<'_>>,
+) -> u8 {
+    let kind = kind(brick, step.cell, drawn);
+    if let Some(ledger) = ledger {
+        ledger.enter(step.cell, integrator);
+    }
+    match kind {
+        dual::PLAIN => march_plain(brick, ray, step, integrator),
+        dual::MIXED | dual::BLENDED => march_mixed(brick, drawn, ray, step, rungs, integrator),
+        _ => {}
+    }
+    kind
 }
 
 /// The share of a stretch along which rays of the square may be beyond the brick's face, or
@@ -79,7 +107,7 @@ fn beyond(touch: &Touch) -> [f64; 3] {
 }
 
 #[inline]
-fn kind(brick: &ScaledBrick, cell: [i32; 3], drawn: DrawnNeighbours) -> u8 {
+pub(super) fn kind(brick: &ScaledBrick, cell: [i32; 3], drawn: DrawnNeighbours) -> u8 {
     let [x, y, z] = cell.map(|c| c as usize);
     let count = brick.edge + 1;
     let kind = brick.duals.get((z * count + y) * count + x).copied().unwrap_or(dual::PLAIN);

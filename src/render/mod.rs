@@ -11,14 +11,17 @@
 mod absorb;
 mod axis;
 mod blend;
+mod blended;
 pub mod census;
 mod crossing;
 pub mod cut;
 mod fill;
 pub mod frame;
+mod grade;
 pub mod interpolant;
 #[cfg(test)]
 mod interpolant_tests;
+mod lanes;
 mod ledger;
 #[cfg(test)]
 mod ledger_tests;
@@ -26,9 +29,13 @@ pub mod load;
 pub mod march;
 mod march_cell;
 mod march_linear;
+mod march_packets;
 #[cfg(test)]
 mod march_tests;
 pub mod memory;
+mod packet;
+#[cfg(test)]
+mod packet_tests;
 mod picture;
 mod polynomial;
 mod preload;
@@ -58,6 +65,7 @@ mod test_tree;
 mod tile;
 mod touch;
 pub mod transfer_pieces;
+mod transfer_table;
 pub mod tree_walk;
 pub mod view;
 #[cfg(test)]
@@ -71,6 +79,7 @@ use std::time::Instant;
 
 use self::census::Census;
 use self::cut::{Cut, FootprintCut};
+use self::grade::PacketTransfer;
 use self::load::BrickLoader;
 use self::march::Light;
 use self::memory::MemoryPlan;
@@ -83,6 +92,7 @@ use self::refine::Goal;
 use self::shading::Shading;
 use self::stats::Stats;
 use self::transfer_pieces::{PieceList, TransferPieces};
+use self::transfer_table::TransferTable;
 use self::tree_walk::{FieldIndex, Scenery, Walk};
 use self::view::View;
 use crate::Result;
@@ -151,7 +161,8 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     cache.set_index_windows(plan.windows);
     let counters = Counters::new(header.nodes(), header.levels.len());
     let exact = TransferPieces::new(&shading.transfer, |_| 0.0);
-    let accounts = options.fixed.is_none().then_some(&exact.all);
+    let surveys = options.fixed.is_none_or(|fixed| fixed.relative_accuracy > 0.0);
+    let accounts = surveys.then_some(&exact.all);
     let loader = BrickLoader { cache, shading: &shading, accounts };
     let pool = Pool::new(plan.slots, loader, &counters);
     let load_seconds = if options.resident {
@@ -228,11 +239,16 @@ impl<'s> Studio<'s> {
     ) -> Result<Outcome> {
         let cut = self.footprint_cut(fixed.pixels_per_cell)?;
         let light = if fixed.relative_accuracy > 0.0 { self.glance()? } else { 0.0 };
-        let transfer = self.transfer(fixed.relative_accuracy * light);
+        let off = fixed.relative_accuracy * light;
+        let transfer = self.transfer(off);
         let pieces = self.pieces(&transfer);
         let census = self.census(pixels, &cut, pieces)?;
         let method = Method::Once { cut, accounts: false };
-        let picture = self.picture(pixels, (&transfer, pieces), method, None, options.progress)?;
+        let mut picture =
+            self.picture(pixels, (&transfer, pieces), method, None, options.progress)?;
+        if off > 0.0 {
+            picture.light.packets = Some(self.packets(Some(off), light));
+        }
         picture.draw((self.threads, self.plan.readers), &|_| true, samples)?;
         let rays = picture.rays.load(Ordering::Relaxed);
         Ok(Outcome { film: into_inner(picture.film), shares: None, census, rays })
@@ -280,6 +296,10 @@ impl<'s> Studio<'s> {
             Tolerance::Relative(part) if !is_exact => Some(part),
             _ => None,
         };
+        if !is_exact {
+            let off = PACKET_SHARE * goal.tolerance;
+            picture.light.packets = Some(self.packets(Some(off), goal.behind));
+        }
         self.draw_within(&mut picture, &mut goal, part, samples)?;
         let rays = picture.rays.load(Ordering::Relaxed);
         let shares = Some(worst(&lock(&picture.bounds)));
@@ -324,6 +344,10 @@ impl<'s> Studio<'s> {
             }
             goal.tolerance = FIRST_TRY * limit;
             goal.behind = largest;
+            if let Some(packets) = &mut picture.light.packets {
+                packets.allowed = Some(PACKET_SHARE * goal.tolerance);
+                packets.behind = goal.behind;
+            }
             picture.method = Method::Within(*goal);
         }
         Ok(())
@@ -348,7 +372,8 @@ impl<'s> Studio<'s> {
         )?);
         let method = Method::Once { cut, accounts: false };
         let exact = (self.exact, self.pieces(self.exact));
-        let picture = self.picture(&pixels, exact, method, None, None)?;
+        let mut picture = self.picture(&pixels, exact, method, None, None)?;
+        picture.light.packets = Some(self.packets(None, 0.0));
         picture.draw((self.threads, self.plan.readers), &|_| true, &mut [])?;
         let film = into_inner(picture.film);
         Ok(f64::from(film.largest_value()))
@@ -369,6 +394,14 @@ impl<'s> Studio<'s> {
         TransferPieces::new(&self.shading.transfer, |extinction| {
             QUADRATURE_SHARE * tolerance * longest.recip().max(extinction)
         })
+    }
+
+    /// What packets march by, which may be off by `allowed` along a ray.
+    fn packets(&self, allowed: Option<f64>, behind: f64) -> PacketTransfer {
+        let close = self.transfer(CLOSE * allowed.unwrap_or(0.0));
+        let longest = diagonal(&self.cache.header().domain);
+        let table = TransferTable::new(&self.exact.all, &close.merged);
+        PacketTransfer { table, close, allowed, longest, behind }
     }
 
     /// Values that are constant in each cell need no simpler formulas.
@@ -397,6 +430,7 @@ impl<'s> Studio<'s> {
             light: Light {
                 pieces,
                 ending: Ending::new(brightest, ENDING_SHARE * allowed.unwrap_or(0.0)),
+                packets: None,
             },
             scenery: Scenery { header, view, pixels, shading: self.shading, bounds: pieces },
             method,
@@ -425,6 +459,10 @@ impl<'s> Studio<'s> {
 
 /// The part of a tolerance that simpler formulas along rays may take.
 const QUADRATURE_SHARE: f64 = 0.05;
+/// How much closer the transfer function is followed where packets bound its bends.
+const CLOSE: f64 = 0.02;
+/// The part of a tolerance that the march of packets may take.
+const PACKET_SHARE: f64 = 0.25;
 /// The part of a tolerance that may be lost behind a ray's end.
 const ENDING_SHARE: f64 = 0.02;
 

@@ -246,7 +246,7 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
             let drawn = batch.cut.drawn_neighbours(&step.request.place);
             let accounts = method.keeps_accounts();
             self.samples[level] +=
-                self.tile.draw(step, brick, drawn, (light, scenery.pixels), accounts);
+                self.tile.draw(step, brick, drawn, (light, scenery.pixels), (accounts, batch.care));
         }
         if step.is_last {
             self.pins.release(level);

@@ -114,6 +114,8 @@ pub(super) struct RayError {
     pub(super) levels: Sums,
     /// By values that are not stored as the source has them.
     pub(super) storage: Sums,
+    /// By the march of packets of rays.
+    pub(super) march: Sums,
     /// Largest difference of any ray of the ray's square to its centre's.
     pub(super) farthest: Sums,
     /// Difference of the square's mean to its centre's ray, by what does not cancel between
@@ -179,15 +181,20 @@ const INTEGRATION: f64 = 1e-9;
 const STORED: f64 = 6e-8;
 
 impl RayError {
+    /// All but what a square makes.
+    fn of_itself(&self) -> Sums {
+        self.levels.plus(self.storage).plus(self.march)
+    }
+
     /// All that may differ between the ray and any other of its square.
     fn all(&self) -> Sums {
-        self.levels.plus(self.storage).plus(self.farthest)
+        self.of_itself().plus(self.farthest)
     }
 
     /// Adds the products of what was added since the account was as `before`: places since then
     /// may lie in any order.
     pub(super) fn multiply(&mut self, before: &Self) {
-        let mean = |error: &Self| error.levels.plus(error.storage).plus(error.farthest.times(0.5));
+        let mean = |error: &Self| error.of_itself().plus(error.farthest.times(0.5));
         let (in_front, old, new) = (self.all().extinction, mean(before), mean(self));
         self.products.emission += in_front * (new.emission - old.emission);
         self.products.dimmed += in_front * (new.dimmed - old.dimmed);
@@ -203,7 +210,7 @@ impl RayError {
         brightest: f64,
         rest: f64,
     ) -> ErrorShares {
-        let beside = self.levels.plus(self.storage);
+        let beside = self.of_itself();
         let farthest = self.off_by(beside.plus(self.farthest), light, brightest);
         // T̃·L is the light that is still to come, of the truth: at most that of the ray and what
         // it may be off by.
@@ -218,7 +225,7 @@ impl RayError {
             .min((emission + product(dimmed, brightest)).max(dimmed));
         ErrorShares {
             levels: bound(self.levels),
-            quadrature: self.quadrature,
+            quadrature: self.quadrature + bound(self.march),
             pixel_area: mean.min(bound(self.uneven) + twice).min(most),
             storage: bound(self.storage),
             termination: if rest > 0.0 { product(1.0 - opacity, rest.max(1.0)) } else { 0.0 },

@@ -2,6 +2,7 @@
 //! more than the goal.
 
 use super::cut::{Cut, ErrorCut};
+use super::grade::Care;
 use super::picture::Method;
 use super::ray_error::ErrorShares;
 use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
@@ -12,6 +13,8 @@ use super::waiting::{Found, GROUP_PIXELS, ToDo, Waiting};
 const FIRST_LIMIT: f64 = 0.3;
 /// The part of a pixel's error that may come from levels, of what levels and area may be off by.
 const LEVELS_SHARE: f64 = 0.5;
+/// The part that may come from the march of packets, likewise.
+const MARCH_SHARE: f64 = 0.4;
 /// A cut is made finer by at least, and at most, these factors.
 const FINER: [f64; 2] = [0.5, 1.0 / 32.0];
 /// Cuts that allow less than this part of the goal for a brick are none.
@@ -56,6 +59,7 @@ pub(super) struct Batch {
     /// Pixel by pixel.
     pub(super) squares: Vec<Square>,
     pub(super) cut: Cut,
+    pub(super) care: Care,
 }
 
 /// What is known of a pixel so far.
@@ -120,7 +124,8 @@ impl Sheet {
         self.rays = 0;
         self.group = None;
         self.waiting.clear();
-        self.first = Some(Batch { squares, cut });
+        let care = if grid.has_area() { Care::Exact } else { Care::Rough };
+        self.first = Some(Batch { squares, cut, care });
     }
 
     /// The next rays to march; none when all pixels are known.
@@ -133,17 +138,17 @@ impl Sheet {
     /// The squares of the first pixels that harm these most, without those that have become good
     /// enough because others have turned out better than they had to be.
     fn most_urgent(&mut self, grid: &PixelGrid) -> Option<Batch> {
-        while let Some((group, mut found, ToDo { quartered, cut })) = self.waiting.pop() {
+        while let Some((group, mut found, to_do)) = self.waiting.pop() {
             let is_over = self.is_over(grid, group);
             self.settle(grid, group, &found);
             found.sort_by_key(|(square, ..)| square.pixel);
             let mut squares = Vec::new();
             for found in found.chunk_by(|a, b| a.0.pixel == b.0.pixel) {
-                let (pixel, rate, mean) = self.pixel(grid, found);
+                let (pixel, rate, mean) = self.pixel(grid, found, to_do.before);
                 for found in found {
                     if is_over || mean.total().min(found.2.total()) <= rate {
                         self.pixels[pixel].take(found, grid.weight(&found.0));
-                    } else if quartered {
+                    } else if to_do.quartered {
                         squares.extend(found.0.quarters());
                     } else {
                         squares.push(found.0);
@@ -151,7 +156,8 @@ impl Sheet {
                 }
             }
             if !squares.is_empty() {
-                return Some(Batch { squares, cut });
+                let ToDo { cut, care, .. } = to_do;
+                return Some(Batch { squares, cut, care });
             }
         }
         None
@@ -218,7 +224,7 @@ impl Sheet {
 
     /// The pixel of what was found, what these squares may be off by on average, and what they
     /// are.
-    fn pixel(&self, grid: &PixelGrid, found: &[Found]) -> (usize, f64, ErrorShares) {
+    fn pixel(&self, grid: &PixelGrid, found: &[Found], care: Care) -> (usize, f64, ErrorShares) {
         let whole: f64 = found.iter().map(|(square, ..)| grid.weight(square)).sum();
         let mut mean = ErrorShares::default();
         for (square, _, shares) in found {
@@ -227,7 +233,7 @@ impl Sheet {
         let pixel = usize::from(found[0].0.pixel);
         let allowed = self.allowed(pixel);
         // Beside what work cannot change, as much again, within the tolerance for itself.
-        let fixed = fixed(&mean);
+        let fixed = fixed(&mean, care);
         (pixel, self.pixels[pixel].rate(allowed).max(fixed + fixed.min(allowed)), mean)
     }
 
@@ -240,13 +246,17 @@ impl Sheet {
         outcome: impl Iterator<Item = Found>,
     ) {
         let outcome: Vec<_> = outcome.collect();
-        let (mut quartered, mut finer) = (Vec::new(), Vec::new());
+        let (mut quartered, mut finer, mut careful) = (Vec::new(), Vec::new(), Vec::new());
         let mut worst = 0.0_f64;
         let can_be_finer = !matches!(batch.cut, Cut::FullDepth);
         for found in outcome.chunk_by(|a, b| a.0.pixel == b.0.pixel) {
-            let (pixel, rate, mean) = self.pixel(grid, found);
+            let (pixel, rate, mean) = self.pixel(grid, found, batch.care);
             let is_taken = mean.total() <= rate || self.is_over(grid, pixel / GROUP_PIXELS);
-            let room = rate - fixed(&mean);
+            let room = rate - fixed(&mean, batch.care);
+            if !is_taken && batch.care != Care::Exact && mean.quadrature > MARCH_SHARE * room {
+                careful.extend(found);
+                continue;
+            }
             if !is_taken && can_be_finer && mean.levels > LEVELS_SHARE * room {
                 worst = worst.max(mean.levels / room);
                 finer.extend(found);
@@ -265,7 +275,10 @@ impl Sheet {
                 }
             }
         }
-        self.wait(grid, &quartered, &ToDo { quartered: true, cut: batch.cut.clone() });
+        let (before, cut) = (batch.care, batch.cut.clone());
+        let to_do = ToDo { quartered: false, cut, before, care: before.more() };
+        self.wait(grid, &careful, &to_do);
+        self.wait(grid, &quartered, &ToDo { quartered: true, care: before, ..to_do });
         if let (Some(goal), false) = (self.goal, finer.is_empty()) {
             let cut = match &batch.cut {
                 Cut::Error(cut) => {
@@ -275,7 +288,7 @@ impl Sheet {
                 }
                 _ => Cut::FullDepth,
             };
-            self.wait(grid, &finer, &ToDo { quartered: false, cut });
+            self.wait(grid, &finer, &ToDo { quartered: false, cut, before, care: before });
         }
     }
 
@@ -283,7 +296,8 @@ impl Sheet {
     fn wait(&mut self, grid: &PixelGrid, squares: &[Found], to_do: &ToDo) {
         for found in squares {
             let weight = grid.weight(&found.0);
-            if !self.waiting.push(*found, weight, to_do) {
+            let harms = grid.has_area().then_some(weight);
+            if !self.waiting.push(*found, harms, to_do) {
                 self.pixels[usize::from(found.0.pixel)].take(found, weight);
             }
         }
@@ -321,9 +335,10 @@ impl Pixel {
     }
 }
 
-/// What neither finer levels nor more rays change.
-fn fixed(shares: &ErrorShares) -> f64 {
-    shares.total() - shares.levels - shares.pixel_area
+/// What neither finer levels, nor more rays, nor more care than `care` change.
+fn fixed(shares: &ErrorShares, care: Care) -> f64 {
+    let march = if care == Care::Exact { 0.0 } else { shares.quadrature };
+    shares.total() - shares.levels - shares.pixel_area - march
 }
 
 #[cfg(test)]

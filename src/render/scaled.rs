@@ -1,6 +1,8 @@
 //! A brick made ready to march through: mapped values, ghosts and holes filled.
 
+use super::blended::MOST_PARENTS;
 use super::fill::{Above, fill_holes, fill_outside};
+use super::lanes::BYTE_PADDING;
 use super::relief::{Distance, Relief};
 use super::transfer_pieces::PieceList;
 use crate::cache::{Block, BrickPlace, BrickShape, Header, RawBrick, state};
@@ -19,6 +21,8 @@ pub(super) mod dual {
     pub(in crate::render) const MIXED: u8 = 1;
     /// All eight cells are void.
     pub(in crate::render) const VOID: u8 = 2;
+    /// As MIXED, none void, and of so few levels that packets of rays may pass.
+    pub(in crate::render) const BLENDED: u8 = 3;
 }
 
 /// One block of mapped values: [`Block`] with every cell filled.
@@ -61,6 +65,48 @@ fn held(x: f64) -> f64 {
     if x.is_nan() { 0.0 } else { x.clamp(-LARGEST, LARGEST) }
 }
 
+/// A block in f32.
+#[derive(Debug, Default)]
+pub(super) struct NarrowBlock {
+    /// The block's values.
+    pub(super) values: Vec<f32>,
+    /// Which of a dual cell's eight cells exist: bit a of a cell's number is set where it is the
+    /// upper one along axis a. (side − 1)³ dual cells, x fastest, and padding for lanes; empty
+    /// where the brick has no borders.
+    pub(super) corners: Vec<u8>,
+}
+
+impl NarrowBlock {
+    fn clear(&mut self) {
+        self.values.clear();
+        self.corners.clear();
+    }
+
+    fn fill(&mut self, block: &ScaledBlock, has_borders: bool) {
+        self.values.reserve_exact(block.values.len());
+        self.values.extend(block.values.iter().map(|&x| x as f32));
+        if !has_borders {
+            return;
+        }
+        let count = block.side - 1;
+        let offsets: [usize; 8] =
+            std::array::from_fn(|c| block.at([c & 1, c >> 1 & 1, c >> 2 & 1]));
+        for z in 0..count {
+            for y in 0..count {
+                let row = block.at([0, y, z]);
+                self.corners.extend((row..row + count).map(|at| {
+                    let exists = |n: usize| block.states[at + offsets[n]] & EXISTING != 0;
+                    (0..8).fold(0, |mask, n| mask | u8::from(exists(n)) << n)
+                }));
+            }
+        }
+        self.corners.extend([0; BYTE_PADDING]);
+    }
+}
+
+/// States of cells that count as existing.
+const EXISTING: u8 = state::EXISTS | state::OUTSIDE;
+
 /// A decoded brick in the scene's own scale. Its memory is reused from brick to brick.
 #[derive(Debug, Default)]
 pub struct ScaledBrick {
@@ -73,8 +119,12 @@ pub struct ScaledBrick {
     pub(super) blocks: Vec<ScaledBlock>,
     /// Number of `blocks` in use.
     pub(super) used: usize,
-    /// [`dual`] of the (edge + 1)³ dual cells, x fastest; empty where all are plain.
+    /// [`dual`] of the (edge + 1)³ dual cells, x fastest, and padding for lanes; empty where all
+    /// are plain.
     pub(super) duals: Vec<u8>,
+    /// The blocks as packets of rays see them: the own one, and the others where there are
+    /// borders; none for `cell`.
+    pub(super) narrow: [NarrowBlock; 1 + MOST_PARENTS],
     /// How far values differ near any place; empty where no one asks.
     pub(super) relief: Relief,
     /// Whether `prepare` was asked for `cell`.
@@ -90,7 +140,10 @@ impl ScaledBrick {
     /// Most heap bytes that a brick of `shape` with `blocks` blocks takes.
     pub fn bytes(shape: BrickShape, blocks: usize) -> u64 {
         let heads = blocks.max(4).next_power_of_two() * size_of::<ScaledBlock>();
-        let values = (9 * shape.cells_in_blocks(blocks) + (shape.edge() + 1).pow(3) + heads) as u64;
+        let duals = (shape.edge() + 1).pow(3) + BYTE_PADDING;
+        let narrow = blocks.min(1 + MOST_PARENTS);
+        let narrow = (1 + size_of::<f32>()) * shape.cells_in_blocks(narrow) + BYTE_PADDING * narrow;
+        let values = (9 * shape.cells_in_blocks(blocks) + duals + narrow + heads) as u64;
         values + Relief::bytes(shape.edge())
     }
 
@@ -113,6 +166,7 @@ impl ScaledBrick {
         self.is_piecewise_constant = interpolation == Interpolation::Cell;
         self.duals.clear();
         self.relief.clear();
+        self.narrow.iter_mut().for_each(NarrowBlock::clear);
         match interpolation {
             Interpolation::Cell => self.load_cells(raw, mapping),
             Interpolation::Linear => self.load_linear(raw, place, header, mapping),
@@ -194,6 +248,11 @@ impl ScaledBrick {
         }
         self.mark_holes(raw);
         self.mark_duals();
+        let has_borders = !self.duals.is_empty();
+        let blocks = if has_borders { self.used } else { 1 };
+        for (narrow, block) in self.narrow.iter_mut().zip(&self.blocks[..blocks]) {
+            narrow.fill(block, has_borders);
+        }
     }
 
     /// Gives holes their owner's VOID bit.
@@ -216,31 +275,34 @@ impl ScaledBrick {
     }
 
     fn mark_duals(&mut self) {
-        const EXISTING: u8 = state::EXISTS | state::OUTSIDE;
         let block = &self.blocks[0];
         let is_plain = |bits: &u8| bits & EXISTING != 0 && bits & state::VOID == 0;
         if block.states.iter().all(is_plain) {
             return;
         }
         let (side, count) = (block.side, self.edge + 1);
-        self.duals.reserve_exact(count.pow(3));
-        let corners: [usize; 8] =
+        self.duals.reserve_exact(count.pow(3) + BYTE_PADDING);
+        let is_blended = (2..=1 + MOST_PARENTS).contains(&self.used);
+        let offsets: [usize; 8] =
             std::array::from_fn(|c| block.at([c & 1, c >> 1 & 1, c >> 2 & 1]));
         for z in 0..count {
             for y in 0..count {
                 let row = (z * side + y) * side;
-                self.duals.extend((row..row + count).map(|at| {
-                    let states = corners.map(|corner| block.states[at + corner]);
-                    if states.iter().all(is_plain) {
+                for x in 0..count {
+                    let states = offsets.map(|offset| block.states[row + x + offset]);
+                    self.duals.push(if states.iter().all(is_plain) {
                         dual::PLAIN
                     } else if states.iter().all(|bits| bits & state::VOID != 0) {
                         dual::VOID
-                    } else {
+                    } else if states.iter().any(|bits| bits & state::VOID != 0) || !is_blended {
                         dual::MIXED
-                    }
-                }));
+                    } else {
+                        dual::BLENDED
+                    });
+                }
             }
         }
+        self.duals.extend([dual::PLAIN; BYTE_PADDING]);
     }
 }
 

@@ -3,8 +3,11 @@
 use glam::{DVec2, DVec3};
 
 use super::frame::{Footprint, Frame, LocalRay};
+use super::grade::Care;
 use super::interpolant::DrawnNeighbours;
+use super::lanes::MOST_LANES;
 use super::march::{Beam, Light, Passage, march};
+use super::march_packets::{Packets, Rays};
 use super::ray_error::{ErrorShares, RayError};
 use super::ray_state::RayState;
 use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
@@ -29,6 +32,9 @@ pub(super) struct Tile {
     alive: Vec<u64>,
     /// Where each pixel's squares begin, and one more.
     starts: Vec<u16>,
+    packets: Packets,
+    /// Rays for the next packet, by number.
+    boarding: Vec<(usize, LocalRay)>,
 }
 
 impl Tile {
@@ -50,6 +56,8 @@ impl Tile {
             errors: Vec::with_capacity(BATCH_RAYS),
             alive: Vec::with_capacity(BATCH_RAYS.div_ceil(64)),
             starts: Vec::with_capacity(BATCH_RAYS + 1),
+            packets: Packets::new(),
+            boarding: Vec::with_capacity(MOST_LANES),
         }
     }
 
@@ -129,9 +137,13 @@ impl Tile {
         brick: &ScaledBrick,
         drawn: DrawnNeighbours,
         (light, grid): (&Light<'_>, &PixelGrid),
-        accounts: bool,
+        (accounts, care): (bool, Care),
     ) -> u64 {
         let passage = Passage { brick, region: step.region, drawn, hides: step.hides };
+        let diagonal = step.frame.cell_width.length();
+        if !grid.has_area() && self.packets.enter(&passage, light, (diagonal, care)) {
+            return self.draw_packets(step, &passage, light, accounts);
+        }
         let mut samples = 0;
         for row in step.pixels.rows() {
             let range = self.row(&step.pixels, row);
@@ -152,6 +164,44 @@ impl Tile {
                 if state.is_done(&light.ending) {
                     self.alive[index / 64] &= !(1 << (index % 64));
                 }
+            }
+        }
+        samples
+    }
+
+    /// As [`Self::draw`], in packets.
+    fn draw_packets(
+        &mut self,
+        step: &Step,
+        passage: &Passage<'_>,
+        light: &Light<'_>,
+        accounts: bool,
+    ) -> u64 {
+        let mut samples = 0;
+        for row in step.pixels.rows() {
+            let range = self.row(&step.pixels, row);
+            let mut at = range.start;
+            while let Some(index) = self.next_alive(at..range.end) {
+                at = index + 1;
+                let [plane, half] = self.planes[index];
+                if meets(&step.footprint, plane, half) {
+                    self.boarding.push((index, step.frame.ray(plane)));
+                }
+                if self.boarding.len() == self.packets.count() {
+                    samples += self.depart(passage, light, accounts);
+                }
+            }
+        }
+        samples + self.depart(passage, light, accounts)
+    }
+
+    /// Marches the rays that wait.
+    fn depart(&mut self, passage: &Passage<'_>, light: &Light<'_>, accounts: bool) -> u64 {
+        let mut film = Rays { states: &mut self.states, errors: &mut self.errors, accounts };
+        let samples = self.packets.march(passage, light, self.boarding.iter().copied(), &mut film);
+        for (index, _) in self.boarding.drain(..) {
+            if self.states[index].is_done(&light.ending) {
+                self.alive[index / 64] &= !(1 << (index % 64));
             }
         }
         samples

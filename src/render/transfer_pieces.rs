@@ -33,7 +33,7 @@ impl Step {
         let most = |change: &dyn Fn(usize) -> f64| (0..3).map(change).fold(0.0, f64::max);
         let emission = most(&|c| (a[c] - b[c]).abs());
         let extinction = (before.extinction(x) - after.extinction(x)).abs();
-        let kink = most(&|c| (before.emission_slope(c, x) - after.emission_slope(c, x)).abs());
+        let kink = after.kink_from(before);
         let steeper = |n: usize| (before.slope[n] - after.slope[n]).abs();
         // Rounding of formulas that meet is no step.
         let rounded = |step: f64, scale: f64| if step <= ROUNDING * scale { 0.0 } else { step };
@@ -43,8 +43,8 @@ impl Step {
                 extinction: rounded(extinction, before.extinction(x) + after.extinction(x)),
             },
             kink: Change {
-                emission: kink.max(steeper(0)),
-                extinction: (before.extinction[1] - after.extinction[1]).abs().max(steeper(1)),
+                emission: kink.emission.max(steeper(0)),
+                extinction: kink.extinction.max(steeper(1)),
             },
             bend: before.bend.max(after.bend),
         }
@@ -116,6 +116,23 @@ impl Piece {
             std::cmp::Ordering::Equal => ratio(j0 + self.slope[0] * (right - left), k0),
         };
         if bound.is_nan() { f64::INFINITY } else { bound }
+    }
+
+    /// By how much slopes step from the piece before: of emission (any channel), extinction.
+    pub(super) fn kink_from(&self, before: &Self) -> Change {
+        let x = self.start;
+        let kink = |c| (before.emission_slope(c, x) - self.emission_slope(c, x)).abs();
+        Change {
+            emission: (0..3).map(kink).fold(0.0, f64::max),
+            extinction: (before.extinction[1] - self.extinction[1]).abs(),
+        }
+    }
+
+    /// By how much half the second derivative of the emission (any channel) steps from the piece
+    /// before.
+    pub(super) fn bend_from(&self, before: &Self) -> f64 {
+        let step = |c: usize| (before.emission[2][c] - self.emission[2][c]).abs();
+        (0..3).map(step).fold(0.0, f64::max)
     }
 
     fn constant(start: f64, end: f64, (k, j): (f64, [f64; 3])) -> Self {
@@ -230,6 +247,25 @@ impl Span {
     }
 }
 
+/// How far the transfer function is from linear over a range of x.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Smoothness {
+    /// Whether it steps.
+    pub(super) steps: bool,
+    /// Steepest slopes.
+    pub(super) slope: Change,
+    /// Sum of steps of the slopes.
+    pub(super) kink: Change,
+    /// Largest half second derivative of the emission.
+    pub(super) bend: f64,
+    /// Largest difference of emission to what the pieces say.
+    pub(super) deviation: f64,
+    /// Largest emission of any channel, and largest extinction.
+    pub(super) most: Change,
+    /// Least extinction.
+    pub(super) least_extinction: f64,
+}
+
 /// Pieces over the whole axis of x; below 0 and from 1 on they are constant.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct PieceList {
@@ -315,6 +351,35 @@ impl PieceList {
             }
         }
         span
+    }
+
+    /// How smooth the function is over [low, high].
+    pub(super) fn smoothness(&self, low: f64, high: f64) -> Smoothness {
+        let Span { slope, jumps, most, .. } = self.over(low, high);
+        let mut smoothness = Smoothness {
+            slope,
+            most,
+            steps: jumps != Change::default(),
+            least_extinction: f64::INFINITY,
+            ..Smoothness::default()
+        };
+        let (first, last) = (self.find(low), self.find(high).max(self.find(low)));
+        for (n, piece) in self.pieces[first..=last].iter().enumerate() {
+            let ends = [low.max(piece.start), high.min(piece.end)];
+            let least = piece.extinction(ends[0]).min(piece.extinction(ends[1]));
+            smoothness.least_extinction = smoothness.least_extinction.min(least);
+            smoothness.bend = smoothness.bend.max(piece.bend);
+            smoothness.deviation = smoothness.deviation.max(piece.deviation);
+            if n > 0 {
+                smoothness.kink = smoothness.kink.plus(piece.step.kink);
+            }
+        }
+        smoothness
+    }
+
+    /// Number of pieces.
+    pub(super) fn count(&self) -> usize {
+        self.pieces.len()
     }
 
     /// Piece number `index`.

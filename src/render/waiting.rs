@@ -3,6 +3,7 @@
 use std::cmp::Reverse;
 
 use super::cut::Cut;
+use super::grade::Care;
 use super::ray_error::ErrorShares;
 use super::rays::{BATCH_RAYS, Square};
 
@@ -21,6 +22,9 @@ pub(super) struct ToDo {
     /// To be quartered first, or marched as they are.
     pub(super) quartered: bool,
     pub(super) cut: Cut,
+    /// How they have been marched, and are to be.
+    pub(super) before: Care,
+    pub(super) care: Care,
 }
 
 /// Squares alike in what is to be done with them and in the harm that they do.
@@ -63,14 +67,19 @@ impl Waiting {
         self.alike.iter().filter(move |alike| alike.group == group).flat_map(|alike| &alike.found)
     }
 
-    /// Adds what stands for `weight` of its pixel; false where there is no room.
-    pub(super) fn push(&mut self, found: Found, weight: f64, to_do: &ToDo) -> bool {
+    /// Adds what stands for `weight` of its pixel, none: whatever it stands for, all alike; false
+    /// where there is no room.
+    pub(super) fn push(&mut self, found: Found, weight: Option<f64>, to_do: &ToDo) -> bool {
         if self.count >= MOST_WAITING {
             return false;
         }
         self.count += 1;
-        let group = usize::from(found.0.pixel) / GROUP_PIXELS;
-        let harm = harm(weight * found.2.total());
+        let (group, harm) = match weight {
+            Some(weight) => {
+                (usize::from(found.0.pixel) / GROUP_PIXELS, harm(weight * found.2.total()))
+            }
+            None => (0, 0),
+        };
         let most = if to_do.quartered { BATCH_RAYS / 4 } else { BATCH_RAYS };
         let is_alike = |alike: &&mut Alike| {
             (alike.group, alike.harm) == (group, harm)
@@ -97,6 +106,10 @@ fn harm(error: f64) -> i32 {
 mod tests {
     use super::*;
 
+    fn to_do(quartered: bool) -> ToDo {
+        ToDo { quartered, cut: Cut::FullDepth, before: Care::Exact, care: Care::Exact }
+    }
+
     fn found(pixel: u16, error: f64) -> Found {
         let square = Square { centre: [0.5; 2], pixel, halvings: 0 };
         (square, [0.0; 4], ErrorShares { pixel_area: error, ..ErrorShares::default() })
@@ -105,11 +118,11 @@ mod tests {
     #[test]
     fn the_first_groups_worst_squares_come_first() {
         let mut waiting = Waiting::default();
-        let to_do = ToDo { quartered: true, cut: Cut::FullDepth };
+        let to_do = to_do(true);
         let far = GROUP_PIXELS as u16;
         for (pixel, error) in [(1, 0.01), (far, 9.0), (2, f64::NAN), (3, 0.0), (0, 0.011), (4, 1.0)]
         {
-            assert!(waiting.push(found(pixel, error), 1.0, &to_do));
+            assert!(waiting.push(found(pixel, error), Some(1.0), &to_do));
         }
         assert_eq!(waiting.of_group(0).count(), 5);
         let mut pixels = Vec::new();
@@ -123,13 +136,13 @@ mod tests {
     #[test]
     fn no_more_wait_than_there_is_room_for() {
         let mut waiting = Waiting::default();
-        let to_do = ToDo { quartered: false, cut: Cut::FullDepth };
+        let to_do = to_do(false);
         for _ in 0..MOST_WAITING {
-            assert!(waiting.push(found(0, 1.0), 1.0, &to_do));
+            assert!(waiting.push(found(0, 1.0), Some(1.0), &to_do));
         }
-        assert!(!waiting.push(found(0, 1.0), 1.0, &to_do));
+        assert!(!waiting.push(found(0, 1.0), None, &to_do));
         let (_, taken, _) = waiting.pop().unwrap();
         assert_eq!(taken.len(), BATCH_RAYS);
-        assert!(waiting.push(found(0, 1.0), 1.0, &to_do));
+        assert!(waiting.push(found(0, 1.0), None, &to_do));
     }
 }

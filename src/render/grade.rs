@@ -1,0 +1,195 @@
+//! What the march of packets may be off by in each group of a brick's cells, and which groups are
+//! fit for it at all.
+//!
+//! A way through a cell is cut into m equal parts. About the middle of one x is a cubic,
+//! m + aσ + e·(σ² − ¼) + o·(σ³ − σ/4) for σ from −½ to ½, and covers a range of at most w ≥ |a|.
+//! Two nodes integrate exactly what is linear in x. Let the emission be a quadratic of half second
+//! derivative c, but for steps K of its slope and C of c, and a deviation d. Of c·x² what is odd
+//! in σ vanishes in integral and rule alike, and what is left is off by
+//! c·(a·o/90 + e²/180 + 0.0011·o²). A step's distance from the chord over w is at most
+//! w·K/4 + w²·C/4; so much is added, and 2d. What depends on c and K a packet works out by
+//! itself, from values that it meets; the rest is worked out here. The table's own deviation comes
+//! to that, and what rounding to f32 does to x. In front of a node, the optical depth is off where extinction
+//! is not linear between nodes; and emission times transmittance is no polynomial: a fourth
+//! derivative f⁗ makes f⁗/4320.
+
+use super::packet::UNFIT;
+use super::ray_error::Change;
+use super::relief::{Group, Relief};
+use super::transfer_pieces::{Smoothness, TransferPieces};
+use super::transfer_table::{TransferTable, two_halves};
+
+/// How rays are marched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd)]
+pub(super) enum Care {
+    /// In packets.
+    Rough,
+    /// In packets, with the way through a cell cut into parts.
+    Fine,
+    /// One by one.
+    Exact,
+}
+
+impl Care {
+    /// The next better one.
+    pub(super) fn more(self) -> Self {
+        match self {
+            Self::Rough => Self::Fine,
+            Self::Fine | Self::Exact => Self::Exact,
+        }
+    }
+
+    /// Parts that the way through a cell is cut into.
+    fn parts(self) -> u32 {
+        if self == Self::Rough { 1 } else { 4 }
+    }
+}
+
+/// Ways through a cell with a larger optical depth are not for packets.
+const DEEPEST: f64 = 1.0;
+/// Rounding of places in a brick, cells, and of what follows from them, relative.
+const PLACE_ROUNDING: f64 = 4e-6;
+const VALUE_ROUNDING: f64 = 3e-7;
+const LIGHT_ROUNDING: f64 = 4e-6;
+/// Groups are fit that are off by no more than this many times as much as all might be.
+const FITTING: f64 = 4.0;
+/// What is little against emission and extinction.
+const LITTLE: f64 = 0.01;
+/// Cells that a ray may pass at one level, about: what a cell may be off by is this share of what
+/// a ray may be.
+const CELLS_OF_LEVEL: f64 = 512.0;
+
+/// What packets march by, for a picture.
+#[derive(Debug)]
+pub(super) struct PacketTransfer {
+    pub(super) table: TransferTable,
+    /// What its bends are bounded by.
+    pub(super) close: TransferPieces,
+    /// What the march may be off by along a ray, in the picture's own unit; where that is not
+    /// known, little against what a group emits and absorbs.
+    pub(super) allowed: Option<f64>,
+    /// The domain's diagonal, code length.
+    pub(super) longest: f64,
+    /// Light that is expected from behind.
+    pub(super) behind: f64,
+}
+
+/// The groups of a brick, as packets see them. Its memory is reused from brick to brick.
+#[derive(Debug, Default)]
+pub(super) struct Grades {
+    /// As [`super::packet::Ground`] has them.
+    pub(super) rates: Vec<u32>,
+    pub(super) blended_rates: Vec<u32>,
+    pub(super) levels: Vec<u32>,
+    pub(super) parts: u32,
+    /// Groups that packets march through, and what storage changes in them.
+    pub(super) fit: usize,
+    pub(super) storage: Change,
+}
+
+impl Grades {
+    /// Grades the groups of a brick whose cells measure `diagonal` code lengths from corner to
+    /// corner.
+    pub(super) fn fill(
+        &mut self,
+        relief: &Relief,
+        hides: bool,
+        (diagonal, care): (f64, Care),
+        transfer: &PacketTransfer,
+    ) {
+        let reach = if hides { relief.levels_reach } else { 0.0 };
+        let count = relief.count();
+        self.parts = care.parts();
+        let parts = f64::from(self.parts);
+        let grader = Grader { transfer, reach, diagonal, parts };
+        self.rates.clear();
+        self.rates.extend((0..count).map(|n| grader.grade(relief.group(n), false)));
+        self.blended_rates.clear();
+        self.blended_rates.extend((0..count).map(|n| grader.grade(relief.group(n), true)));
+        self.fit = self.rates.iter().filter(|rate| **rate != UNFIT).count();
+        let fit = self.rates.iter().enumerate().filter(|(_, rate)| **rate != UNFIT);
+        let storage = |n: usize| relief.group(n).span.slope.times(relief.group(n).storage);
+        self.storage = fit.fold(Change::default(), |most, (n, _)| most.max(storage(n)));
+        self.levels.clear();
+        if hides {
+            let levels = (0..count).map(|n| {
+                let change = relief.group(n).levels;
+                pack(change.emission, change.extinction, &transfer.table)
+            });
+            self.levels.extend(levels);
+        }
+    }
+}
+
+struct Grader<'g> {
+    transfer: &'g PacketTransfer,
+    reach: f64,
+    diagonal: f64,
+    parts: f64,
+}
+
+impl Grader<'_> {
+    fn grade(&self, group: &Group, blended: bool) -> u32 {
+        if group.low > group.high || group.has_void {
+            return UNFIT;
+        }
+        let reach = self.reach + group.storage;
+        let smoothness =
+            self.transfer.close.merged.smoothness(group.low - reach, group.high + reach);
+        if smoothness.steps {
+            return UNFIT;
+        }
+        let [emission, extinction] = self.off(group, &smoothness, blended);
+        let most = self.allowed(&smoothness);
+        let is_fit = emission <= FITTING * most.emission && extinction <= FITTING * most.extinction;
+        if is_fit { pack(emission, extinction, &self.transfer.table) } else { UNFIT }
+    }
+
+    /// What emission and extinction may be off by.
+    fn allowed(&self, smoothness: &Smoothness) -> Change {
+        let PacketTransfer { allowed, longest, behind, .. } = *self.transfer;
+        let Some(allowed) = allowed else { return smoothness.most.times(LITTLE) };
+        let least = smoothness.least_extinction;
+        let share = longest.recip().max(least).max((CELLS_OF_LEVEL * self.diagonal).recip());
+        Change { emission: allowed * share, extinction: allowed * share / behind.max(1.0) }
+    }
+
+    /// What emission and extinction are off by.
+    fn off(&self, group: &Group, smoothness: &Smoothness, blended: bool) -> [f64; 2] {
+        let Smoothness { bend, deviation, slope, most, .. } = *smoothness;
+        // Beside borders a way is cut at the cell's faces at least.
+        let whole = if blended { 0.5 * group.slope.iter().sum::<f64>() } else { group.plain };
+        // Where a weight, linear, multiplies the difference D of two cubics, only the fourth power
+        // of what follows is not integrated exactly, for which two nodes leave a 180th. The
+        // weight's slope is 2 a cell, the coefficient of D's third power at most 8·D a cell cubed.
+        let quartic = if blended { group.blend / 180.0 / self.parts.powi(4) } else { 0.0 };
+        let width = whole.min(group.high - group.low) / self.parts;
+        let way = self.diagonal / self.parts;
+        let depth = most.extinction * way;
+        if depth.is_nan() || depth > DEEPEST {
+            return [f64::INFINITY; 2];
+        }
+        let table = self.transfer.table.deviation(group.low, group.high);
+        let largest = group.low.abs().max(group.high.abs());
+        let rounded = PLACE_ROUNDING * whole + VALUE_ROUNDING * largest;
+        let leaning = slope.extinction * width * way;
+        let fourth = most.emission
+            * (depth.powi(4) + 6.0 * depth * depth * leaning + 3.0 * leaning * leaning)
+            + 4.0 * slope.emission * width * (depth.powi(3) + 3.0 * depth * leaning)
+            + 12.0 * bend * width * width * (depth * depth + leaning);
+        [
+            table[0]
+                + 2.0 * deviation
+                + most.emission * LIGHT_ROUNDING
+                + fourth / 4320.0
+                + slope.emission * (rounded + quartic),
+            table[1] + most.extinction * LIGHT_ROUNDING + slope.extinction * (rounded + quartic),
+        ]
+    }
+}
+
+/// Both relative to the table's largest, rounded up to the upper halves of f32.
+fn pack(emission: f64, extinction: f64, table: &TransferTable) -> u32 {
+    let extinction = if table.extinction > 0.0 { extinction / table.extinction } else { 0.0 };
+    two_halves([emission / table.emission, extinction]).min(UNFIT - 1)
+}

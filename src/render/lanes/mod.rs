@@ -1,0 +1,162 @@
+//! Arithmetic on several rays at once: one kernel, written once, runs on AVX-512, AVX2 or plain
+//! arrays, whichever the processor has.
+//!
+//! A kernel is a [`Kernel`]: a function generic over [`Lanes`]. Each lane is on its own: nothing a
+//! lane computes depends on the lanes beside it, so that how rays are grouped never shows.
+
+mod portable;
+#[cfg(target_arch = "x86_64")]
+mod x86;
+
+pub(super) use self::portable::Portable;
+
+/// Lanes of the widest kind.
+pub(super) const MOST_LANES: usize = 16;
+
+/// One number for each lane; of narrower kinds the first ones count.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(64))]
+pub(super) struct Row(pub(super) [f32; MOST_LANES]);
+
+impl Row {
+    pub(super) const ZERO: Self = Self([0.0; MOST_LANES]);
+}
+
+/// Bytes behind the last that is gathered.
+pub(super) const BYTE_PADDING: usize = 3;
+
+/// Several f32 at once. Masks are of lanes; indices are whole numbers from 0 on.
+pub(super) trait Lanes: Copy {
+    /// How many.
+    const COUNT: usize;
+    type Float: Copy;
+    type Index: Copy;
+    type Mask: Copy;
+
+    fn splat(self, x: f32) -> Self::Float;
+    fn load(self, row: &Row) -> Self::Float;
+    fn store(self, x: Self::Float, row: &mut Row);
+    fn add(self, a: Self::Float, b: Self::Float) -> Self::Float;
+    fn sub(self, a: Self::Float, b: Self::Float) -> Self::Float;
+    fn mul(self, a: Self::Float, b: Self::Float) -> Self::Float;
+    fn div(self, a: Self::Float, b: Self::Float) -> Self::Float;
+    /// a·b + c.
+    fn fma(self, a: Self::Float, b: Self::Float, c: Self::Float) -> Self::Float;
+    fn min(self, a: Self::Float, b: Self::Float) -> Self::Float;
+    fn max(self, a: Self::Float, b: Self::Float) -> Self::Float;
+    fn floor(self, x: Self::Float) -> Self::Float;
+    /// 2ⁿ for whole n from −126 to 127.
+    fn power_of_two(self, n: Self::Float) -> Self::Float;
+    /// a ≤ b.
+    fn is_at_most(self, a: Self::Float, b: Self::Float) -> Self::Mask;
+    /// `a` where the mask is set, else `b`.
+    fn select(self, mask: Self::Mask, a: Self::Float, b: Self::Float) -> Self::Float;
+    fn and(self, a: Self::Mask, b: Self::Mask) -> Self::Mask;
+    /// Set in `a` and not in `b`.
+    fn without(self, a: Self::Mask, b: Self::Mask) -> Self::Mask;
+    /// Bit n for lane n.
+    fn bits(self, mask: Self::Mask) -> u32;
+    fn mask(self, bits: u32) -> Self::Mask;
+    /// The whole part of `x` ≥ 0.
+    fn index(self, x: Self::Float) -> Self::Index;
+    fn float(self, index: Self::Index) -> Self::Float;
+    /// Whether bit `bit` of an index is set.
+    fn has_bit(self, index: Self::Index, bit: u32) -> Self::Mask;
+    fn is_index(self, a: Self::Index, value: u32) -> Self::Mask;
+    /// `table[index + offset]`, of the last element where that is beyond it.
+    fn gather(self, table: &[f32], index: Self::Index, offset: usize) -> Self::Float;
+    /// Two neighbours: `table[index + offset]` and the next, of the last two where they are beyond.
+    #[inline(always)]
+    fn gather_pair(self, table: &[f32], index: Self::Index, offset: usize) -> [Self::Float; 2] {
+        let firsts = &table[..table.len() - 1];
+        [self.gather(firsts, index, offset), self.gather(&table[1..], index, offset)]
+    }
+    /// `table[index]`, of the last row where that is beyond it.
+    fn gather_row<const N: usize>(self, table: &[[f32; N]], index: Self::Index)
+    -> [Self::Float; N];
+    fn gather_bits(self, table: &[u32], index: Self::Index) -> Self::Index;
+    /// Of a table with [`BYTE_PADDING`] more bytes at its end.
+    fn gather_bytes(self, table: &[u8], index: Self::Index) -> Self::Index;
+    /// The f32 whose bits are the upper, or the lower, half of the index and zeros.
+    fn upper_half(self, index: Self::Index) -> Self::Float;
+    fn lower_half(self, index: Self::Index) -> Self::Float;
+}
+
+/// What runs on lanes of any kind.
+pub(super) trait Kernel {
+    type Output;
+    /// Has to be `inline(always)`, as all that it calls with lanes: only so is it compiled for the
+    /// processor that the lanes need.
+    fn run<L: Lanes>(self, lanes: L) -> Self::Output;
+}
+
+/// A kind of lanes that this processor has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Width {
+    Portable,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+}
+
+impl Width {
+    /// All kinds that this processor has, the fastest last.
+    pub(super) fn all() -> impl DoubleEndedIterator<Item = Self> {
+        let all: &[Self] = &[
+            Self::Portable,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512,
+        ];
+        all.iter().copied().filter(|width| width.is_here())
+    }
+
+    /// The fastest.
+    pub(super) fn best() -> Self {
+        Self::all().next_back().unwrap_or(Self::Portable)
+    }
+
+    fn is_here(self) -> bool {
+        match self {
+            Self::Portable => true,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => x86::Avx2::new().is_some(),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => x86::Avx512::new().is_some(),
+        }
+    }
+
+    /// Lanes of this kind.
+    pub(super) fn count(self) -> usize {
+        match self {
+            Self::Portable => Portable::COUNT,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => x86::Avx2::COUNT,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => x86::Avx512::COUNT,
+        }
+    }
+
+    /// Runs `kernel` on lanes of this kind, or on plain ones where the processor has none.
+    #[inline]
+    pub(super) fn run<K: Kernel>(self, kernel: K) -> K::Output {
+        match self {
+            Self::Portable => kernel.run(Portable),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => match x86::Avx2::new() {
+                Some(lanes) => lanes.run(kernel),
+                None => kernel.run(Portable),
+            },
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => match x86::Avx512::new() {
+                Some(lanes) => lanes.run(kernel),
+                None => kernel.run(Portable),
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,105 @@
+//! All kinds of lanes against plain arithmetic.
+
+use proptest::prelude::*;
+
+use super::*;
+
+/// What a kernel finds in each lane.
+type Found = Vec<[f32; MOST_LANES]>;
+
+struct Everything {
+    a: Row,
+    b: Row,
+    table: Vec<f32>,
+    rows: Vec<[f32; 8]>,
+    bytes: Vec<u8>,
+}
+
+impl Kernel for &Everything {
+    type Output = Found;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> Found {
+        let (a, b) = (l.load(&self.a), l.load(&self.b));
+        let index = l.index(l.max(a, l.splat(0.0)));
+        let bits: Vec<u32> = self.table.iter().map(|x| x.to_bits()).collect();
+        let both = l.gather_bits(&bits, index);
+        let less = l.is_at_most(a, b);
+        let [first, second] = l.gather_pair(&self.table, index, 3);
+        let row = l.gather_row(&self.rows, index);
+        let byte = l.gather_bytes(&self.bytes, index);
+        let choice = |mask: L::Mask| l.select(mask, l.splat(1.0), l.splat(0.0));
+        let values = [
+            l.add(a, b),
+            l.sub(a, b),
+            l.mul(a, b),
+            l.div(a, b),
+            l.min(a, b),
+            l.max(a, b),
+            l.floor(a),
+            l.power_of_two(l.floor(l.min(l.max(a, l.splat(-126.0)), l.splat(127.0)))),
+            l.select(less, a, b),
+            choice(l.and(less, l.mask(0x5a5a))),
+            choice(l.without(less, l.mask(0x5a5a))),
+            choice(l.mask(l.bits(less))),
+            l.gather(&self.table, index, 2),
+            l.upper_half(both),
+            l.lower_half(both),
+            first,
+            second,
+            row[0],
+            row[3],
+            row[6],
+            l.float(byte),
+            choice(l.has_bit(byte, 2)),
+            choice(l.is_index(byte, 7)),
+        ];
+        let mut found: Found = vec![[0.0; MOST_LANES]; values.len()];
+        for (value, found) in values.into_iter().zip(&mut found) {
+            let mut row = Row::ZERO;
+            l.store(value, &mut row);
+            *found = row.0;
+        }
+        found
+    }
+}
+
+proptest! {
+    #[test]
+    fn all_kinds_of_lanes_compute_the_same(
+        a in prop::array::uniform16(-200.0..200.0_f32),
+        b in prop::array::uniform16(-3.0..30.0_f32),
+        table in prop::collection::vec(any::<f32>(), 5..60),
+        bytes in prop::collection::vec(any::<u8>(), 4..60),
+    ) {
+        let rows: Vec<[f32; 8]> = table.iter().map(|x| std::array::from_fn(|c| x + c as f32)).collect();
+        let all = Everything { a: Row(a), b: Row(b), table, rows, bytes };
+        let expected = Width::Portable.run(&all);
+        for width in Width::all() {
+            let found = width.run(&all);
+            for (n, (found, expected)) in found.iter().zip(&expected).enumerate() {
+                for lane in 0..width.count().min(Width::Portable.count()) {
+                    let (found, expected) = (found[lane].to_bits(), expected[lane].to_bits());
+                    prop_assert_eq!(found, expected, "{:?}, value {}, lane {}", width, n, lane);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_fused_product_is_at_most_rounding_away() {
+    struct Fused;
+    impl Kernel for Fused {
+        type Output = f32;
+        #[inline(always)]
+        fn run<L: Lanes>(self, l: L) -> f32 {
+            let mut row = Row::ZERO;
+            l.store(l.fma(l.splat(1.1), l.splat(2.3), l.splat(-0.7)), &mut row);
+            row.0[0]
+        }
+    }
+    for width in Width::all() {
+        assert!((width.run(Fused) - (1.1 * 2.3 - 0.7)).abs() < 3e-7, "{width:?}");
+    }
+}

@@ -1,0 +1,392 @@
+//! Rays of a tile through a brick: in packets where its cells are fit for that, one by one where
+//! they are not.
+
+use super::absorb::Integrator;
+use super::blended::{MOST_PARENTS, Parents};
+use super::frame::LocalRay;
+use super::grade::{Care, Grades, PacketTransfer};
+use super::interpolant::DrawnNeighbours;
+use super::lanes::{BYTE_PADDING, MOST_LANES, Width};
+use super::ledger::Ledger;
+use super::march::{Light, Passage, Region};
+use super::march_linear::{DualRange, kind, pass_dual_cell};
+use super::packet::{Ground, March, Packet, UNFIT};
+use super::ray_error::{Change, RayError, Sums};
+use super::ray_state::RayState;
+use super::scaled::{ScaledBrick, dual};
+use super::walk::{Step, clip};
+
+/// What rounding of f32 may take off sums of errors.
+const ROUNDED_UP: f64 = 1.0 + 1e-5;
+
+/// A tile's packet, and what it knows of the brick that it is in. The memory is reused from brick
+/// to brick.
+#[derive(Debug)]
+pub(super) struct Packets {
+    width: Width,
+    grades: Grades,
+    kinds: Vec<u8>,
+    cabin: Cabin,
+}
+
+/// A packet and whose rays are in its lanes.
+#[derive(Debug)]
+struct Cabin {
+    packet: Packet,
+    riders: Vec<Rider>,
+}
+
+/// A ray in a lane.
+#[derive(Debug, Clone, Copy)]
+struct Rider {
+    /// The ray's number in its tile.
+    index: usize,
+    ray: LocalRay,
+    /// σ where it enters the brick's region and where it leaves.
+    span: (f64, f64),
+    /// σ per unit of t.
+    unit: f64,
+    /// t from which on the packet's sums are not the ray's yet.
+    since: f64,
+}
+
+/// A tile's rays: what they have gathered, and what of it may be wrong.
+pub(super) struct Rays<'t> {
+    pub(super) states: &'t mut [RayState],
+    pub(super) errors: &'t mut [RayError],
+    /// Whether accounts are kept.
+    pub(super) accounts: bool,
+}
+
+/// A brick that packets march through.
+struct Place<'p> {
+    passage: &'p Passage<'p>,
+    region: Region,
+    range: DualRange,
+    light: &'p Light<'p>,
+    transfer: &'p PacketTransfer,
+    /// What stored values change.
+    storage: Change,
+}
+
+impl Packets {
+    /// Bytes for bricks of `edge` cells.
+    pub(super) fn bytes(edge: usize) -> u64 {
+        (8 * edge.pow(3) + 2 * MOST_LANES * size_of::<Rider>() + size_of::<Packet>()) as u64
+    }
+
+    /// Of the widest kind that this processor has.
+    pub(super) fn new() -> Self {
+        Self::of(Width::best())
+    }
+
+    /// Of lanes of one kind.
+    pub(super) fn of(width: Width) -> Self {
+        Self {
+            width,
+            grades: Grades::default(),
+            kinds: Vec::new(),
+            cabin: Cabin { packet: Packet::new(), riders: Vec::with_capacity(MOST_LANES) },
+        }
+    }
+
+    /// Lanes of a packet.
+    pub(super) fn count(&self) -> usize {
+        self.width.count()
+    }
+
+    /// Looks at a brick whose cells measure `diagonal` code lengths from corner to corner. Returns
+    /// whether packets may march through it.
+    pub(super) fn enter(
+        &mut self,
+        passage: &Passage<'_>,
+        light: &Light<'_>,
+        (diagonal, care): (f64, Care),
+    ) -> bool {
+        let Passage { brick, drawn, hides, .. } = *passage;
+        let Some(transfer) = &light.packets else { return false };
+        if care == Care::Exact
+            || brick.is_piecewise_constant()
+            || brick.relief.is_empty()
+            || brick.narrow[0].values.is_empty()
+        {
+            return false;
+        }
+        self.grades.fill(&brick.relief, hides, (diagonal, care), transfer);
+        self.kinds.clear();
+        if self.grades.fit == 0 {
+            return false;
+        }
+        if drawn != DrawnNeighbours::ALL {
+            let count = brick.edge as i32 + 1;
+            let all = (0..count).flat_map(|z| (0..count).map(move |y| (y, z)));
+            let cells = all.flat_map(|(y, z)| (0..count).map(move |x| [x, y, z]));
+            self.kinds.extend(cells.map(|cell| kind(brick, cell, drawn)));
+            self.kinds.extend([dual::PLAIN; BYTE_PADDING]);
+        }
+        true
+    }
+
+    /// Marches rays through the brick that was entered last: those of the tile's numbers
+    /// `indices`, at most [`Self::count`]. Returns the number of stretches integrated.
+    pub(super) fn march(
+        &mut self,
+        passage: &Passage<'_>,
+        light: &Light<'_>,
+        rays: impl Iterator<Item = (usize, LocalRay)>,
+        film: &mut Rays<'_>,
+    ) -> u64 {
+        let Some(transfer) = &light.packets else { return 0 };
+        let region = passage.region.within(passage.brick.edge);
+        let range = DualRange::of(&region);
+        let storage = self.grades.storage;
+        let place = Place { passage, region, range, light, transfer, storage };
+        let cabin = &mut self.cabin;
+        cabin.board(&place, rays.take(self.width.count()));
+        let whole = &passage.brick.relief.whole;
+        let kinds = if self.kinds.is_empty() { &passage.brick.duals } else { &self.kinds };
+        let ground = Ground {
+            values: &passage.brick.narrow[0].values,
+            side: passage.brick.edge + 2,
+            kinds,
+            corners: &passage.brick.narrow[0].corners,
+            parents: std::array::from_fn(|n| parents(passage.brick, n + 1)),
+            parent_count: passage.brick.used.saturating_sub(1).min(MOST_PARENTS),
+            lo: range.lo.map(|c| c as f32),
+            hi: range.hi.map(|c| c as f32),
+            rates: &self.grades.rates,
+            blended_rates: &self.grades.blended_rates,
+            levels: &self.grades.levels,
+            groups: passage.brick.relief.side(),
+            table: &transfer.table,
+            kinks: transfer.table.bends.between(whole.low, whole.high),
+            parts: self.grades.parts,
+        };
+        let mut single = 0;
+        while cabin.packet.active != 0 {
+            for blended in [false, true] {
+                cabin.go(&ground, self.width, blended);
+            }
+            for lane in lanes(cabin.packet.active) {
+                if ground.fit(cabin.packet.cell(lane)).is_none() {
+                    cabin.settle(&place, lane, film);
+                    single += cabin.pass_alone(&place, &ground, lane, film);
+                }
+            }
+        }
+        for lane in 0..cabin.riders.len() {
+            cabin.settle(&place, lane, film);
+        }
+        cabin.packet.count * u64::from(ground.parts) + single
+    }
+}
+
+impl Cabin {
+    /// Takes in rays that meet the brick.
+    fn board(&mut self, place: &Place<'_>, rays: impl Iterator<Item = (usize, LocalRay)>) {
+        let packet = &mut self.packet;
+        self.riders.clear();
+        (packet.active, packet.count) = (0, 0);
+        packet.clear_sums();
+        for (index, ray) in rays {
+            let Some(span) = clip(&ray, place.region.lo, place.region.hi) else { continue };
+            let lane = self.riders.len();
+            let unit = ray.direction.abs().max_element().recip();
+            let origin = ray.origin + ray.direction * span.0 + 0.5;
+            let direction = ray.direction * unit;
+            for a in 0..3 {
+                packet.origin[a].0[lane] = origin[a] as f32;
+                packet.direction[a].0[lane] = direction[a] as f32;
+                let cell = (origin[a].floor() as i32).clamp(place.range.lo[a], place.range.hi[a]);
+                packet.cell[a].0[lane] = cell as f32;
+            }
+            packet.t.0[lane] = 0.0;
+            packet.end.0[lane] = ((span.1 - span.0) / unit) as f32;
+            let length = ray.length * unit;
+            packet.thickness.0[lane] = (length * place.transfer.table.extinction) as f32;
+            packet.active |= 1 << lane;
+            self.riders.push(Rider { index, ray, span, unit, since: 0.0 });
+        }
+    }
+
+    /// Marches the rays that have come to plain cells, or to blended ones, as far as they go.
+    fn go(&mut self, ground: &Ground<'_>, width: Width, blended: bool) {
+        let all = self.packet.active;
+        let ready = lanes(all)
+            .filter(|lane| ground.fit(self.packet.cell(*lane)) == Some(blended))
+            .fold(0, |ready, lane| ready | 1 << lane);
+        if ready == 0 {
+            return;
+        }
+        self.packet.active = ready;
+        width.run(March { ground, packet: &mut self.packet, blended });
+        self.packet.active |= all & !ready;
+    }
+
+    /// Gives a lane's sums to its ray.
+    fn settle(&mut self, place: &Place<'_>, lane: usize, film: &mut Rays<'_>) {
+        let (packet, rider) = (&mut self.packet, &mut self.riders[lane]);
+        let table = &place.transfer.table;
+        let length = rider.ray.length * rider.unit;
+        let state = &mut film.states[rider.index];
+        let seen = state.transmittance * length;
+        let sum = |row: &super::lanes::Row| f64::from(row.0[lane]);
+        let t = sum(&packet.t);
+        if film.accounts {
+            let error = &mut film.errors[rider.index];
+            let sums = |[emission, dimmed, extinction]: [f64; 3]| Sums {
+                emission: emission * seen * table.emission * ROUNDED_UP,
+                dimmed: dimmed * seen * table.extinction * ROUNDED_UP,
+                extinction: extinction * length * table.extinction * ROUNDED_UP,
+            };
+            let march = sums(packet.off.each_ref().map(sum));
+            error.march = error.march.plus(march);
+            error.levels = error.levels.plus(sums(packet.levels.each_ref().map(sum)));
+            let way = (t - rider.since) * length * ROUNDED_UP;
+            let lit = sum(&packet.lit) * seen * ROUNDED_UP;
+            error.storage = error.storage.plus(Sums::of(place.storage, way, lit));
+        }
+        let light = packet.light.each_ref().map(|row| sum(row) * seen * table.emission);
+        state.gather(light);
+        state.absorb(sum(&packet.depth).max(0.0));
+        rider.since = t;
+        packet.clear_lane(lane);
+    }
+
+    /// Takes a lane through cells that are not fit, up to one that is, or out of the brick.
+    fn pass_alone(
+        &mut self,
+        place: &Place<'_>,
+        ground: &Ground<'_>,
+        lane: usize,
+        film: &mut Rays<'_>,
+    ) -> u64 {
+        let Place { passage, light, range, .. } = place;
+        let rider = self.riders[lane];
+        let mut walk = CellWalk::new(&rider, range, &self.packet, lane);
+        let relief = &passage.brick.relief;
+        let state = &mut film.states[rider.index];
+        let error = &mut film.errors[rider.index];
+        let mut ledger =
+            film.accounts.then(|| Ledger::new(relief, error, passage.hides, ([0.0; 3], 0.0)));
+        let mut integrator = Integrator::new(light.pieces, &light.ending, film.accounts, state);
+        let mut rungs = Vec::new();
+        let goes_on = loop {
+            if integrator.is_faded() {
+                break false;
+            }
+            let (step, has_next) = walk.step();
+            if step.from < step.to {
+                let passage = (passage.brick, passage.drawn);
+                pass_dual_cell(
+                    passage,
+                    &rider.ray,
+                    &step,
+                    &mut rungs,
+                    &mut integrator,
+                    &mut ledger,
+                );
+            }
+            if !has_next {
+                break false;
+            }
+            if ground.fit(walk.cell).is_some() {
+                break true;
+            }
+        };
+        if let Some(ledger) = &mut ledger {
+            ledger.close(&mut integrator);
+        }
+        let count = integrator.count;
+        let reached = (walk.from - rider.span.0) / rider.unit;
+        self.riders[lane].since = reached;
+        self.packet.t.0[lane] = reached as f32;
+        for a in 0..3 {
+            self.packet.cell[a].0[lane] = walk.cell[a] as f32;
+        }
+        if !goes_on {
+            self.packet.active &= !(1 << lane);
+        }
+        count
+    }
+}
+
+/// The block `up` levels above the brick's own, or that one where there is none.
+fn parents(brick: &ScaledBrick, up: usize) -> Parents<'_> {
+    let up = if up < brick.used { up } else { 0 };
+    let (block, narrow) = (&brick.blocks[up], &brick.narrow[up]);
+    Parents {
+        values: &narrow.values,
+        side: block.side,
+        corners: &narrow.corners,
+        corner: block.corner.map(|c| c as f32),
+        scale: block.scale as f32,
+    }
+}
+
+/// The lanes in `mask`.
+fn lanes(mask: u32) -> impl Iterator<Item = usize> {
+    (0..MOST_LANES).filter(move |lane| mask >> lane & 1 == 1)
+}
+
+impl Ground<'_> {
+    /// Whether packets may pass a cell: as a plain one (`false`) or a blended one.
+    fn fit(&self, cell: [i32; 3]) -> Option<bool> {
+        let [x, y, z] = cell.map(|c| c as usize);
+        let duals = self.side - 1;
+        let kind = self.kinds.get((z * duals + y) * duals + x).copied().unwrap_or(dual::PLAIN);
+        let [x, y, z] = [x, y, z].map(|c| c / super::relief::GROUP_EDGE);
+        let group = (z * self.groups + y) * self.groups + x;
+        let is_fit = |rates: &[u32]| rates.get(group).is_some_and(|rate| *rate != UNFIT);
+        match kind {
+            dual::PLAIN if is_fit(self.rates) => Some(false),
+            dual::BLENDED if is_fit(self.blended_rates) => Some(true),
+            _ => None,
+        }
+    }
+}
+
+/// The walk of one ray from the cell on that its lane has reached.
+struct CellWalk<'r> {
+    rider: &'r LocalRay,
+    range: &'r DualRange,
+    cell: [i32; 3],
+    from: f64,
+    end: f64,
+}
+
+impl<'r> CellWalk<'r> {
+    fn new(rider: &'r Rider, range: &'r DualRange, packet: &Packet, lane: usize) -> Self {
+        let reached = f64::from(packet.t.0[lane]);
+        Self {
+            rider: &rider.ray,
+            range,
+            cell: packet.cell(lane),
+            from: (rider.span.0 + reached * rider.unit).min(rider.span.1),
+            end: rider.span.1,
+        }
+    }
+
+    /// The way through the present cell, and whether there is a next one, which is gone to.
+    fn step(&mut self) -> (Step, bool) {
+        let (origin, direction) = (self.rider.origin.to_array(), self.rider.direction.to_array());
+        let (mut to, mut axis) = (self.end, None);
+        for a in 0..3 {
+            let ahead = self.cell[a] + i32::from(direction[a] > 0.0);
+            let sigma = (f64::from(ahead) - origin[a] - 0.5) / direction[a];
+            // Along an axis without motion this is no number, or infinite.
+            if direction[a] != 0.0 && sigma < to {
+                (to, axis) = (sigma, Some(a));
+            }
+        }
+        let step = Step { cell: self.cell, from: self.from, to: to.max(self.from) };
+        self.from = step.to;
+        let Some(a) = axis else { return (step, false) };
+        let last = if direction[a] > 0.0 { self.range.hi[a] } else { self.range.lo[a] };
+        let has_next = self.cell[a] != last;
+        if has_next {
+            self.cell[a] += if direction[a] > 0.0 { 1 } else { -1 };
+        }
+        (step, has_next)
+    }
+}

@@ -1,0 +1,224 @@
+//! Packets against the exact march of single rays.
+
+use glam::DVec3;
+use proptest::prelude::*;
+
+use super::frame::LocalRay;
+use super::grade::{Care, PacketTransfer};
+use super::interpolant::DrawnNeighbours;
+use super::lanes::Width;
+use super::march::{Light, Passage, Region, march};
+use super::march_packets::{Packets, Rays};
+use super::march_tests::{shells, smooth, steps, transfer};
+use super::ray_error::RayError;
+use super::ray_state::{Ending, RayState};
+use super::relief::Distance;
+use super::scaled::ScaledBrick;
+use super::test_data::{TestCut, TestData, linear, rough};
+use super::transfer_pieces::TransferPieces;
+use super::transfer_table::TransferTable;
+use crate::scene::{Interpolation, Rounding, TransferFunction};
+
+const EDGE: u32 = 8;
+/// Width of cells, code length.
+const WIDTH: f64 = 0.1;
+/// Longer than any way through a brick.
+const LONGEST: f64 = 30.0 * WIDTH;
+
+fn surveyed(
+    data: &TestData,
+    (level, at): (u32, [i128; 3]),
+    pieces: &TransferPieces,
+) -> ScaledBrick {
+    let mut brick = data.brick(level, at, EDGE, Interpolation::Linear);
+    let storage = Rounding::default();
+    let distance = Distance { residual: 0.0, child_mask: 0, tree: [0.0, 1.0], storage };
+    brick.survey(&pieces.all, &distance);
+    brick
+}
+
+/// What packets, or single rays, find of `rays`.
+struct Found {
+    states: Vec<RayState>,
+    errors: Vec<RayError>,
+    samples: u64,
+    is_fit: bool,
+}
+
+struct Setting<'s> {
+    passage: Passage<'s>,
+    exact: &'s TransferPieces,
+    light: Light<'s>,
+}
+
+impl<'s> Setting<'s> {
+    fn new(
+        brick: &'s ScaledBrick,
+        drawn: DrawnNeighbours,
+        exact: &'s TransferPieces,
+        (transfer, allowed): (&TransferFunction, f64),
+    ) -> Self {
+        let close = TransferPieces::new(transfer, |_| 0.01 * allowed / LONGEST);
+        let table = TransferTable::new(&exact.all, &close.merged);
+        let (allowed, longest) = (Some(allowed), LONGEST);
+        let packets = Some(PacketTransfer { table, close, allowed, longest, behind: 1.0 });
+        let ending = Ending::new(LONGEST * exact.largest_emission(), 0.0);
+        let region = Region { lo: [0.0; 3], hi: [f64::from(EDGE); 3], ends: 0 };
+        let passage = Passage { brick, region, drawn, hides: false };
+        Self { passage, exact, light: Light { pieces: &exact.all, ending, packets } }
+    }
+
+    fn alone(&self, rays: &[LocalRay]) -> Vec<RayState> {
+        let mut states = vec![RayState::default(); rays.len()];
+        for (ray, state) in rays.iter().zip(&mut states) {
+            march(&self.passage, ray, &self.light, state, None);
+        }
+        states
+    }
+
+    fn together(&self, rays: &[LocalRay], width: Width, care: Care) -> Found {
+        let mut packets = Packets::of(width);
+        let mut states = vec![RayState::default(); rays.len()];
+        let mut errors = vec![RayError::default(); rays.len()];
+        let is_fit = packets.enter(&self.passage, &self.light, (3.0_f64.sqrt() * WIDTH, care));
+        let mut samples = 0;
+        let numbers: Vec<_> = (0..rays.len()).collect();
+        for numbers in numbers.chunks(packets.count()).filter(|_| is_fit) {
+            let mut film = Rays { states: &mut states, errors: &mut errors, accounts: true };
+            let rays = numbers.iter().map(|n| (*n, rays[*n]));
+            samples += packets.march(&self.passage, &self.light, rays, &mut film);
+        }
+        Found { states, errors, samples, is_fit }
+    }
+
+    /// Checks that rays are off by no more than their accounts say; returns the largest difference
+    /// and the largest bound.
+    fn check(&self, rays: &[LocalRay], found: &Found) -> Result<[f64; 2], TestCaseError> {
+        let mut largest = [0.0_f64; 2];
+        let brightest = self.exact.brightest().min(LONGEST * self.exact.largest_emission());
+        for ((state, error), exact) in found.states.iter().zip(&found.errors).zip(self.alone(rays))
+        {
+            let shares = error.shares(state.light(), state.opacity(), brightest, 0.0);
+            let bound = shares.quadrature + shares.storage + shares.rounding;
+            let off = (0..3)
+                .map(|c| (state.radiance[c] - exact.radiance[c]).abs())
+                .fold((state.opacity() - exact.opacity()).abs(), f64::max);
+            prop_assert!(off <= bound + 1e-9 * state.light(), "off {off:e}, bound {bound:e}");
+            largest = [largest[0].max(off), largest[1].max(bound)];
+        }
+        Ok(largest)
+    }
+}
+
+/// Rays through a point of the brick.
+fn rays() -> impl Strategy<Value = Vec<LocalRay>> {
+    let through = prop::array::uniform3(0.0..f64::from(EDGE));
+    let towards = prop::array::uniform3(prop_oneof![4 => -1.0..1.0_f64, 1 => Just(0.0)]);
+    let ray = (through, towards).prop_filter_map("no direction", |(at, to)| {
+        let direction = DVec3::from_array(to);
+        (direction.length() > 1e-3).then(|| LocalRay {
+            origin: DVec3::from_array(at) - direction * 3.0,
+            direction,
+            length: WIDTH * direction.length(),
+            sigma_min: f64::NEG_INFINITY,
+        })
+    });
+    prop::collection::vec(ray, 1..20)
+}
+
+fn glowing() -> TransferFunction {
+    transfer(&[(0.0, 0.0)], &[(0.0, 0.0), (0.4, 0.2), (1.0, 2.0)])
+}
+
+fn function(number: usize) -> TransferFunction {
+    [smooth, glowing, shells, steps][number % 4]()
+}
+
+const PLACES: [(u32, [i128; 3]); 5] =
+    [(0, [1, 0, 1]), (1, [1, 0, 1]), (2, [2, 1, 2]), (3, [4, 3, 5]), (3, [4, 5, 6])];
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 192, ..ProptestConfig::default() })]
+
+    #[test]
+    fn packets_are_off_by_no_more_than_they_say(
+        rays in rays(),
+        place in 0..PLACES.len(),
+        number in 0..4usize,
+        is_rough in any::<bool>(),
+        allowed in prop_oneof![Just(1e-4), Just(1e-2), Just(1.0)],
+    ) {
+        let data = TestData::new(if is_rough { rough } else { linear });
+        let (level, at) = PLACES[place];
+        let function = function(number);
+        let exact = TransferPieces::new(&function, |_| 0.0);
+        let brick = surveyed(&data, (level, at), &exact);
+        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&function, allowed));
+        for care in [Care::Rough, Care::Fine] {
+            let found = setting.together(&rays, Width::best(), care);
+            if found.is_fit {
+                setting.check(&rays, &found)?;
+            }
+        }
+    }
+
+    #[test]
+    fn beside_what_a_cut_leaves_out_too(rays in rays(), place in 0..PLACES.len()) {
+        let data = TestData::new(rough);
+        let cut = TestCut::new(&data, EDGE, |level, at| level < 2 || at[1] < 3 && at[2] < 4);
+        let (level, at) = PLACES[place];
+        let exact = TransferPieces::new(&glowing(), |_| 0.0);
+        let brick = surveyed(&data, (level, at), &exact);
+        let setting = Setting::new(&brick, cut.drawn(level, at), &exact, (&glowing(), 1.0));
+        let found = setting.together(&rays, Width::best(), Care::Rough);
+        prop_assert!(found.is_fit);
+        setting.check(&rays, &found)?;
+    }
+
+    #[test]
+    fn all_widths_agree(rays in rays(), place in 0..PLACES.len()) {
+        let data = TestData::new(rough);
+        let exact = TransferPieces::new(&smooth(), |_| 0.0);
+        let brick = surveyed(&data, PLACES[place], &exact);
+        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&smooth(), 1.0));
+        let expected = setting.together(&rays, Width::Portable, Care::Rough);
+        for width in Width::all() {
+            let found = setting.together(&rays, width, Care::Rough);
+            prop_assert_eq!(found.samples, expected.samples);
+            for (found, expected) in found.states.iter().zip(&expected.states) {
+                for c in 0..3 {
+                    let off = (found.radiance[c] - expected.radiance[c]).abs();
+                    prop_assert!(off <= 1e-6 * expected.light(), "{:?}: {}", width, off);
+                }
+                let off = (found.opacity() - expected.opacity()).abs();
+                prop_assert!(off <= 1e-6);
+            }
+        }
+    }
+}
+
+#[test]
+fn more_care_means_a_smaller_bound_and_packets_do_pass() {
+    let exact = TransferPieces::new(&smooth(), |_| 0.0);
+    let ray = |n: u32| LocalRay {
+        origin: DVec3::new(-1.0, 0.3 * f64::from(n), 2.0),
+        direction: DVec3::new(1.0, 0.13, 0.4),
+        length: WIDTH * DVec3::new(1.0, 0.13, 0.4).length(),
+        sigma_min: f64::NEG_INFINITY,
+    };
+    let rays: Vec<_> = (0..20).map(ray).collect();
+    for (place, is_rough) in PLACES.into_iter().flat_map(|place| [(place, true), (place, false)]) {
+        let data = TestData::new(if is_rough { rough } else { linear });
+        let brick = surveyed(&data, place, &exact);
+        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&smooth(), 1.0));
+        let [once, four] = [Care::Rough, Care::Fine].map(|care| {
+            let found = setting.together(&rays, Width::best(), care);
+            assert!(found.is_fit && found.samples > 0);
+            setting.check(&rays, &found).unwrap()
+        });
+        assert!(four[1] < 0.5 * once[1], "{place:?}: {once:?} {four:?}");
+        // Of values without any order, and of a linear field.
+        let most = if is_rough { [2e-2, 10.0] } else { [1e-3, 0.1] };
+        assert!(once[0] < most[0] && once[1] < most[1], "{place:?}: {once:?}");
+    }
+}

@@ -1,0 +1,245 @@
+//! The transfer function as a table of straight lines: what packets of rays look up.
+
+use super::transfer_pieces::{Piece, PieceList, Smoothness};
+
+/// Lines over [0, 1]; one more for what lies beyond.
+const LINES: usize = 4096;
+/// Lines whose largest deviation is kept together.
+const BLOCK: usize = 64;
+
+/// Emission (R, G, B) and extinction over x, each relative to its largest value, as lines of equal
+/// width.
+#[derive(Debug)]
+pub(super) struct TransferTable {
+    /// At each line's start, channel by channel, and by how much they rise over it.
+    pub(super) lines: Vec<[f32; 8]>,
+    /// What emission is relative to, radiance / code length.
+    pub(super) emission: f64,
+    /// What extinction is relative to, 1 / code length; 0 where nothing absorbs.
+    pub(super) extinction: f64,
+    /// Largest difference of emission (any channel) and extinction to the lines', in absolute
+    /// units, for each line and each block of them.
+    deviation: Vec<[f64; 2]>,
+    blocks: Vec<[f64; 2]>,
+    /// How the function bends, relative likewise.
+    pub(super) bends: Bends,
+}
+
+/// How far from linear the transfer function is over ranges of x, as packets look it up.
+#[derive(Debug)]
+pub(super) struct Bends {
+    /// Sums of steps of the slopes of emission and extinction, and of half the second derivative of
+    /// the emission, below [`Bends::KINK_SCALE`]'s places, and a filler.
+    pub(super) kinks: Vec<[f32; 4]>,
+    /// Where these steps are, and the sums behind each.
+    steps: Vec<(f64, [f32; 4])>,
+    /// Largest half second derivative of the emission, steepest slopes of emission and extinction
+    /// near [`Bends::BEND_SCALE`]'s places, and a filler; and anywhere.
+    pub(super) near: Vec<[f32; 4]>,
+    pub(super) anywhere: [f32; 4],
+}
+
+/// Parts of [0, 1] in which kinks are summed, and second derivatives looked at.
+const KINK_PARTS: usize = 4096;
+const BEND_PARTS: usize = 64;
+
+impl Bends {
+    /// Place of x in the sums of kinks: that times x, plus `KINK_OFFSET`, from 0 to `KINK_LAST`.
+    /// What lies between two x comes between the sum at the lower one's place, rounded down, and
+    /// that after the upper one's.
+    pub(super) const KINK_SCALE: f32 = KINK_PARTS as f32;
+    pub(super) const KINK_OFFSET: f32 = 1.0;
+    pub(super) const KINK_LAST: f32 = KINK_PARTS as f32 + 2.0;
+    /// Place of x among the second derivatives, rounded down, for ranges that begin and end within
+    /// 1 / `BEND_SCALE` of x.
+    pub(super) const BEND_SCALE: f32 = BEND_PARTS as f32;
+    pub(super) const BEND_OFFSET: f32 = 2.0;
+    pub(super) const BEND_LAST: f32 = BEND_PARTS as f32 + 3.0;
+
+    /// Of `pieces`, relative to the scales of emission and extinction.
+    fn new(pieces: &PieceList, scales: [f64; 2]) -> Self {
+        let (mut sums, mut steps) = ([0.0_f32; 4], Vec::with_capacity(pieces.count()));
+        for next in 1..pieces.count() {
+            let (piece, before) = (pieces.piece(next), pieces.piece(next - 1));
+            let kink = piece.kink_from(before);
+            let added = [kink.emission / scales[0], kink.extinction / scales[1]];
+            let added = [added[0], added[1], piece.bend_from(before) / scales[0]];
+            for (sum, added) in sums.iter_mut().zip(added).filter(|(_, added)| *added > 0.0) {
+                // Rounded up, so that no difference of sums is too small.
+                *sum = ((f64::from(*sum) + added) as f32).next_up();
+            }
+            steps.push((piece.start, sums));
+        }
+        let below = |place: usize| {
+            let x = (place as f64 - 1.0) / KINK_PARTS as f64;
+            sum_of(&steps, |start| start < x)
+        };
+        let kinks = (0..KINK_PARTS + 4).map(below).collect();
+        let near = |place: usize| {
+            let x = (place as f64 - 2.0) / BEND_PARTS as f64;
+            let reach = 1.0 / BEND_PARTS as f64 + 1e-6;
+            pieces.smoothness(x - reach, x + 2.0 * reach)
+        };
+        let row = |Smoothness { bend, slope, .. }: Smoothness| {
+            let values =
+                [bend / scales[0], slope.emission / scales[0], slope.extinction / scales[1]];
+            let [bend, emission, extinction] = values.map(|value| (value as f32).next_up());
+            [bend, emission, extinction, 0.0]
+        };
+        Self {
+            kinks,
+            steps,
+            near: (0..BEND_PARTS + 4).map(|place| row(near(place))).collect(),
+            anywhere: row(pieces.smoothness(0.0, 1.0)),
+        }
+    }
+
+    /// The sums at `low` and just below `high`: none between is beyond them.
+    pub(super) fn between(&self, low: f64, high: f64) -> [[f32; 4]; 2] {
+        let low = sum_of(&self.steps, |start| start <= low);
+        [low, sum_of(&self.steps, |start| start < high)]
+    }
+}
+
+impl TransferTable {
+    /// Number of lines over [0, 1].
+    pub(super) const LINES: f32 = LINES as f32;
+
+    /// Of `pieces`, without anything left out, and `merged`, by which bends are bounded.
+    pub(super) fn new(pieces: &PieceList, merged: &PieceList) -> Self {
+        let span = pieces.over(0.0, 1.0);
+        let relative_to = |most: f64| if most > 0.0 && most.is_finite() { most } else { 1.0 };
+        let scales = [relative_to(span.most.emission), relative_to(span.most.extinction)];
+        let mut table = Self {
+            lines: Vec::with_capacity(LINES + 1),
+            emission: scales[0],
+            extinction: if span.most.extinction == 0.0 { 0.0 } else { scales[1] },
+            deviation: Vec::with_capacity(LINES + 1),
+            blocks: Vec::new(),
+            bends: Bends::new(merged, scales),
+        };
+        for line in 0..=LINES {
+            table.add_line(pieces, line, scales);
+        }
+        table.blocks = table.deviation.chunks(BLOCK).map(largest).collect();
+        table
+    }
+
+    fn add_line(&mut self, pieces: &PieceList, line: usize, scales: [f64; 2]) {
+        let [from, to] = [line, line + 1].map(|n| n as f64 / LINES as f64);
+        let (first, last) = (pieces.at(from), pieces.at(to.next_down()));
+        let start = channels(first, from);
+        let end = if line == LINES { start } else { channels(last, to) };
+        self.lines.push(std::array::from_fn(|n| {
+            let c = n % 4;
+            let value = if n < 4 { start[c] } else { end[c] - start[c] };
+            (value / scales[usize::from(c == 3)]) as f32
+        }));
+        let mut off = [0.0_f64; 2];
+        if line < LINES {
+            for index in pieces.find(from)..=pieces.find(to.next_down()) {
+                let piece = pieces.piece(index);
+                let ends = [piece.start.max(from), piece.end.min(to)];
+                let bulge = 0.25 * piece.bend * (ends[1] - ends[0]).powi(2);
+                off[0] = off[0].max(piece.deviation);
+                for x in ends {
+                    let t = (x - from) * LINES as f64;
+                    let found = channels(piece, x);
+                    for c in 0..4 {
+                        let difference = (found[c] - start[c] - t * (end[c] - start[c])).abs();
+                        let channel = usize::from(c == 3);
+                        let bulge = if channel == 0 { bulge } else { 0.0 };
+                        off[channel] = off[channel].max(difference + bulge);
+                    }
+                }
+            }
+        }
+        self.deviation.push(off);
+    }
+
+    /// Largest difference of emission (radiance / code length) and extinction (1 / code length) to
+    /// the lines', for x in [`low`, `high`].
+    pub(super) fn deviation(&self, low: f64, high: f64) -> [f64; 2] {
+        let line = |x: f64| (x.clamp(0.0, 1.0) * LINES as f64) as usize;
+        // Rounding to f32 may choose the line beside.
+        let (first, last) = (line(low).saturating_sub(1), (line(high) + 1).min(LINES));
+        let (from, to) = (first.div_ceil(BLOCK), (last + 1) / BLOCK);
+        if from >= to {
+            return largest(&self.deviation[first..=last]);
+        }
+        let parts = [
+            largest(&self.deviation[first..from * BLOCK]),
+            largest(&self.blocks[from..to]),
+            largest(&self.deviation[to * BLOCK..=last]),
+        ];
+        largest(&parts)
+    }
+}
+
+/// The sum behind the last of the steps that begin where `counts` says.
+fn sum_of(steps: &[(f64, [f32; 4])], counts: impl Fn(f64) -> bool) -> [f32; 4] {
+    let count = steps.partition_point(|(start, _)| counts(*start));
+    count.checked_sub(1).map_or([0.0; 4], |last| steps[last].1)
+}
+
+/// Both as the upper and the lower half of the bits, of f32 and rounded up.
+pub(super) fn two_halves(values: [f64; 2]) -> u32 {
+    // One more covers what is cut off, and the rounding to f32.
+    let half = |value: f64| if value == 0.0 { 0 } else { ((value as f32).to_bits() >> 16) + 1 };
+    half(values[0]) << 16 | half(values[1])
+}
+
+/// R, G, B of the emission, and the extinction.
+fn channels(piece: &Piece, x: f64) -> [f64; 4] {
+    let [r, g, b] = piece.emission(x);
+    [r, g, b, piece.extinction(x)]
+}
+
+fn largest(of: &[[f64; 2]]) -> [f64; 2] {
+    of.iter().fold([0.0; 2], |most, off| [most[0].max(off[0]), most[1].max(off[1])])
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::render::transfer_pieces::TransferPieces;
+    use crate::scene::{ColorMap, ColorTable, PiecewiseLinear, TransferFunction};
+
+    fn function() -> TransferFunction {
+        let table = |points: &[(f64, f64)]| {
+            let points: Vec<_> = points.iter().map(|&(x, y)| (x, [y])).collect();
+            PiecewiseLinear::new(&points).unwrap()
+        };
+        let absorption = table(&[(0.1, 0.0), (0.3, 20.0), (0.3, 2.0), (0.9, 0.0)]);
+        let emission = table(&[(0.25, 0.0), (0.25, 3e-33), (0.7, 1e-33), (1.5, 4e-33)]);
+        let color = ColorTable::Map(ColorMap::named("viridis").unwrap());
+        TransferFunction::from_tables(&absorption, &emission, &color)
+    }
+
+    proptest! {
+        #[test]
+        fn lines_are_the_function_but_for_the_deviation(x in -0.1..1.1_f64, width in 0.0..0.3_f64) {
+            let transfer = function();
+            let table = {
+                let pieces = TransferPieces::new(&transfer, |_| 0.0);
+                TransferTable::new(&pieces.all, &pieces.merged)
+            };
+            let place = (x as f32).clamp(0.0, 1.0) * TransferTable::LINES;
+            let (line, rest) = (place as usize, place.fract());
+            let [emission, extinction] = table.deviation(x - width, x + width);
+            let [alone, _] = table.deviation(x, x);
+            prop_assert!(alone <= emission && emission < 2e-33);
+            let value = |c: usize| {
+                f64::from(table.lines[line][c]) + f64::from(rest * table.lines[line][4 + c])
+            };
+            for (c, expected) in transfer.emission(x).into_iter().enumerate() {
+                let off = (value(c) * table.emission - expected).abs();
+                prop_assert!(off <= emission + 1e-6 * table.emission, "j({x}): {off}");
+            }
+            let off = (value(3) * table.extinction - transfer.extinction(x)).abs();
+            prop_assert!(off <= extinction + 1e-4 * table.extinction, "κ({x}): {off} {extinction}");
+        }
+    }
+}
