@@ -32,16 +32,31 @@ impl Encoder {
         let cells: usize = brick.blocks.iter().map(|block| block.values.len()).sum();
         let start = self.raw.len();
         self.raw.resize(start + 4 * cells, 0);
-        shuffle(brick.blocks.iter().flat_map(|block| &block.values), &mut self.raw[start..], cells);
+        let mut planes = Planes::of(&mut self.raw[start..]);
+        brick.blocks.iter().for_each(|block| planes.put(&block.values));
         self.context.compress(&self.raw)
     }
 }
 
 /// Byte planes: all first bytes, then all second bytes …
-fn shuffle<'a>(values: impl Iterator<Item = &'a f32>, planes: &mut [u8], cells: usize) {
-    for (i, value) in values.enumerate() {
-        for (plane, byte) in value.to_le_bytes().into_iter().enumerate() {
-            planes[plane * cells + i] = byte;
+struct Planes<'p>([&'p mut [u8]; 4]);
+
+impl<'p> Planes<'p> {
+    fn of(bytes: &'p mut [u8]) -> Self {
+        let (low, high) = bytes.split_at_mut(bytes.len() / 2);
+        let ((a, b), (c, d)) = (low.split_at_mut(low.len() / 2), high.split_at_mut(high.len() / 2));
+        Self([a, b, c, d])
+    }
+
+    /// Puts the bytes of `values` before all that is still free.
+    fn put(&mut self, values: &[f32]) {
+        for (n, plane) in self.0.iter_mut().enumerate() {
+            let (now, later) = std::mem::take(plane).split_at_mut(values.len());
+            let shift = 8 * n as u32;
+            for (byte, value) in now.iter_mut().zip(values) {
+                *byte = (value.to_bits() >> shift) as u8;
+            }
+            *plane = later;
         }
     }
 }

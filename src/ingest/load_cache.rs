@@ -1,6 +1,6 @@
 //! A bounded cache of what is loaded on demand by several threads.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::hash::Hash;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -16,21 +16,21 @@ pub(super) struct LoadCache<K, V> {
 type Slot<V> = Arc<OnceLock<std::result::Result<Arc<V>, String>>>;
 
 struct Entries<K, V> {
-    slots: HashMap<K, (Slot<V>, usize)>,
-    clock: Vec<Entry<K>>,
-    hand: usize,
+    known: HashMap<K, Entry<V>>,
+    /// A clock: the hand stands at the front, and what it has passed goes to the back.
+    clock: VecDeque<K>,
     bytes: usize,
 }
 
-struct Entry<K> {
-    key: K,
-    recent: bool,
+struct Entry<V> {
+    slot: Slot<V>,
+    is_recent: bool,
     bytes: usize,
 }
 
 impl<K: Eq + Hash + Copy, V> LoadCache<K, V> {
     pub(super) fn new(limit: usize) -> Self {
-        let entries = Entries { slots: HashMap::new(), clock: Vec::new(), hand: 0, bytes: 0 };
+        let entries = Entries { known: HashMap::new(), clock: VecDeque::new(), bytes: 0 };
         Self { limit, entries: Mutex::new(entries) }
     }
 
@@ -53,38 +53,30 @@ impl<K: Eq + Hash + Copy, V> LoadCache<K, V> {
 
 impl<K: Eq + Hash + Copy, V> Entries<K, V> {
     fn slot(&mut self, key: K, bytes: usize, limit: usize) -> Slot<V> {
-        if let Some((slot, place)) = self.slots.get(&key) {
-            if let Some(entry) = self.clock.get_mut(*place) {
-                entry.recent = true;
-            }
-            return Arc::clone(slot);
+        if let Some(entry) = self.known.get_mut(&key) {
+            entry.is_recent = true;
+            return Arc::clone(&entry.slot);
         }
         while self.bytes + bytes > limit && !self.clock.is_empty() {
-            self.evict();
+            self.pass();
         }
         let slot = Slot::default();
-        self.slots.insert(key, (Arc::clone(&slot), self.clock.len()));
-        self.clock.push(Entry { key, recent: false, bytes });
+        self.known.insert(key, Entry { slot: Arc::clone(&slot), is_recent: false, bytes });
+        self.clock.push_back(key);
         self.bytes += bytes;
         slot
     }
 
-    /// Drops the next entry under the clock hand that was not used since it last came by.
-    fn evict(&mut self) {
-        self.hand %= self.clock.len();
-        let entry = &mut self.clock[self.hand];
-        if entry.recent {
-            entry.recent = false;
-            self.hand += 1;
-            return;
-        }
-        let gone = self.clock.swap_remove(self.hand);
-        self.slots.remove(&gone.key);
-        self.bytes -= gone.bytes;
-        if let Some(moved) = self.clock.get(self.hand)
-            && let Some(slot) = self.slots.get_mut(&moved.key)
-        {
-            slot.1 = self.hand;
+    /// Drops the entry under the clock hand, or lets it stay for another round if it was used
+    /// since the hand last came by.
+    fn pass(&mut self) {
+        let Some(key) = self.clock.pop_front() else { return };
+        match self.known.get_mut(&key) {
+            Some(entry) if entry.is_recent => {
+                entry.is_recent = false;
+                self.clock.push_back(key);
+            }
+            _ => self.bytes -= self.known.remove(&key).map_or(0, |gone| gone.bytes),
         }
     }
 }
@@ -112,8 +104,26 @@ mod tests {
         for key in 4..100 {
             assert_eq!(get(key), key * 2);
         }
-        assert_eq!(cache.entries.lock().unwrap().slots.len(), 4);
+        assert_eq!(cache.entries.lock().unwrap().known.len(), 4);
         assert_eq!(cache.entries.lock().unwrap().clock.len(), 4);
+    }
+
+    #[test]
+    fn what_was_loaded_last_is_given_up_last() {
+        let cache = LoadCache::new(100);
+        let mut loads = 0;
+        // A walk that returns to each key up to 9 steps later: all of these find it.
+        for step in 0..1000_u32 {
+            for key in [step, step.saturating_sub(9)] {
+                cache
+                    .get(key, 10, || {
+                        loads += 1;
+                        Ok(key)
+                    })
+                    .unwrap();
+            }
+        }
+        assert_eq!(loads, 1000);
     }
 
     #[test]
