@@ -1,6 +1,6 @@
 //! A bounded cache of what is loaded on demand by several threads.
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::{BTreeMap, HashMap};
 use std::hash::Hash;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -17,20 +17,23 @@ type Slot<V> = Arc<OnceLock<std::result::Result<Arc<V>, String>>>;
 
 struct Entries<K, V> {
     known: HashMap<K, Entry<V>>,
-    /// A clock: the hand stands at the front, and what it has passed goes to the back.
-    clock: VecDeque<K>,
+    /// By when they were last used, about: see [`Entries::refresh`].
+    order: BTreeMap<u64, K>,
+    /// Uses that were noted so far.
+    uses: u64,
     bytes: usize,
 }
 
 struct Entry<V> {
     slot: Slot<V>,
-    is_recent: bool,
+    used: u64,
     bytes: usize,
 }
 
 impl<K: Eq + Hash + Copy, V> LoadCache<K, V> {
     pub(super) fn new(limit: usize) -> Self {
-        let entries = Entries { known: HashMap::new(), clock: VecDeque::new(), bytes: 0 };
+        let (known, order) = (HashMap::new(), BTreeMap::new());
+        let entries = Entries { known, order, uses: 0, bytes: 0 };
         Self { limit, entries: Mutex::new(entries) }
     }
 
@@ -53,31 +56,34 @@ impl<K: Eq + Hash + Copy, V> LoadCache<K, V> {
 
 impl<K: Eq + Hash + Copy, V> Entries<K, V> {
     fn slot(&mut self, key: K, bytes: usize, limit: usize) -> Slot<V> {
-        if let Some(entry) = self.known.get_mut(&key) {
-            entry.is_recent = true;
-            return Arc::clone(&entry.slot);
+        if let Some(slot) = self.refresh(key) {
+            return slot;
         }
-        while self.bytes + bytes > limit && !self.clock.is_empty() {
-            self.pass();
+        while self.bytes + bytes > limit
+            && let Some((_, oldest)) = self.order.pop_first()
+        {
+            self.bytes -= self.known.remove(&oldest).map_or(0, |gone| gone.bytes);
         }
         let slot = Slot::default();
-        self.known.insert(key, Entry { slot: Arc::clone(&slot), is_recent: false, bytes });
-        self.clock.push_back(key);
+        self.uses += 1;
+        self.known.insert(key, Entry { slot: Arc::clone(&slot), used: self.uses, bytes });
+        self.order.insert(self.uses, key);
         self.bytes += bytes;
         slot
     }
 
-    /// Drops the entry under the clock hand, or lets it stay for another round if it was used
-    /// since the hand last came by.
-    fn pass(&mut self) {
-        let Some(key) = self.clock.pop_front() else { return };
-        match self.known.get_mut(&key) {
-            Some(entry) if entry.is_recent => {
-                entry.is_recent = false;
-                self.clock.push_back(key);
-            }
-            _ => self.bytes -= self.known.remove(&key).map_or(0, |gone| gone.bytes),
+    /// Looks `key` up. A use is noted only of what would be among the older entries else: most
+    /// uses follow others closely.
+    fn refresh(&mut self, key: K) -> Option<Slot<V>> {
+        let count = self.known.len() as u64;
+        let entry = self.known.get_mut(&key)?;
+        if self.uses - entry.used > count / 4 {
+            self.uses += 1;
+            self.order.remove(&entry.used);
+            self.order.insert(self.uses, key);
+            entry.used = self.uses;
         }
+        Some(Arc::clone(&entry.slot))
     }
 }
 
@@ -105,12 +111,12 @@ mod tests {
             assert_eq!(get(key), key * 2);
         }
         assert_eq!(cache.entries.lock().unwrap().known.len(), 4);
-        assert_eq!(cache.entries.lock().unwrap().clock.len(), 4);
+        assert_eq!(cache.entries.lock().unwrap().order.len(), 4);
     }
 
     #[test]
-    fn what_was_loaded_last_is_given_up_last() {
-        let cache = LoadCache::new(100);
+    fn what_was_used_last_is_given_up_last() {
+        let cache = LoadCache::new(130);
         let mut loads = 0;
         // A walk that returns to each key up to 9 steps later: all of these find it.
         for step in 0..1000_u32 {

@@ -84,7 +84,7 @@ mod tests {
         let mut bytes = Vec::new();
         pack(&field, &mut bytes);
         pack(&field, &mut bytes);
-        assert_eq!(bytes.len(), 2 * (4 + 6 * 3 + 4 * 300));
+        assert_eq!(bytes.len(), 2 * (4 + 6 * 3 + 4 * 212));
         let mut rest = bytes.as_slice();
         assert_eq!(unpack(shape, &mut rest).unwrap(), field);
         assert_eq!(unpack(shape, &mut rest).unwrap(), field);
