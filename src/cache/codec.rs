@@ -1,6 +1,7 @@
 //! Payload bytes: states as they are, values byte-shuffled, the whole zstd-compressed.
 
-use super::brick::{BrickShape, RawBrick, state};
+use super::brick::{Block, BrickShape, RawBrick, state};
+use super::planes;
 
 /// zstd level: what higher ones save on byte-shuffled floats is not worth their time.
 const COMPRESSION_LEVEL: i32 = 3;
@@ -32,32 +33,15 @@ impl Encoder {
         let cells: usize = brick.blocks.iter().map(|block| block.values.len()).sum();
         let start = self.raw.len();
         self.raw.resize(start + 4 * cells, 0);
-        let mut planes = Planes::of(&mut self.raw[start..]);
-        brick.blocks.iter().for_each(|block| planes.put(&block.values));
-        self.context.compress(&self.raw)
-    }
-}
-
-/// Byte planes: all first bytes, then all second bytes …
-struct Planes<'p>([&'p mut [u8]; 4]);
-
-impl<'p> Planes<'p> {
-    fn of(bytes: &'p mut [u8]) -> Self {
-        let (low, high) = bytes.split_at_mut(bytes.len() / 2);
-        let ((a, b), (c, d)) = (low.split_at_mut(low.len() / 2), high.split_at_mut(high.len() / 2));
-        Self([a, b, c, d])
-    }
-
-    /// Puts the bytes of `values` before all that is still free.
-    fn put(&mut self, values: &[f32]) {
-        for (n, plane) in self.0.iter_mut().enumerate() {
-            let (now, later) = std::mem::take(plane).split_at_mut(values.len());
-            let shift = 8 * n as u32;
-            for (byte, value) in now.iter_mut().zip(values) {
-                *byte = (value.to_bits() >> shift) as u8;
-            }
-            *plane = later;
+        let (low, high) = self.raw[start..].split_at_mut(2 * cells);
+        let ((mut a, mut b), (mut c, mut d)) = (low.split_at_mut(cells), high.split_at_mut(cells));
+        for Block { values, .. } in &brick.blocks {
+            let parts = [a, b, c, d].map(|plane| plane.split_at_mut(values.len()));
+            let [(a0, a1), (b0, b1), (c0, c1), (d0, d1)] = parts;
+            planes::split(values, [a0, b0, c0, d0]);
+            (a, b, c, d) = (a1, b1, c1, d1);
         }
+        self.context.compress(&self.raw)
     }
 }
 
@@ -114,21 +98,17 @@ pub(super) fn stored_bytes_limit(raw: usize) -> usize {
 }
 
 fn unpack(states: &[u8], planes: &[u8], brick: &mut RawBrick) -> Result<(), &'static str> {
-    if !states.iter().all(|&bits| state::is_valid(bits)) {
+    // Without an end at the first: a whole row of states at a time.
+    if states.iter().fold(false, |found, &bits| found | !state::is_valid(bits)) {
         return Err("a cell's state is none that there is");
     }
     let cells = states.len();
-    let (low, high) = planes.split_at(2 * cells);
-    let ((b0, b1), (b2, b3)) = (low.split_at(cells), high.split_at(cells));
     let mut start = 0;
     for block in &mut brick.blocks {
         let end = start + block.states.len();
         block.states.copy_from_slice(&states[start..end]);
-        let planes = b0[start..end].iter().zip(&b1[start..end]);
-        let planes = planes.zip(b2[start..end].iter().zip(&b3[start..end]));
-        for (value, ((&a, &b), (&c, &d))) in block.values.iter_mut().zip(planes) {
-            *value = f32::from_le_bytes([a, b, c, d]);
-        }
+        let plane = |n: usize| &planes[n * cells + start..n * cells + end];
+        planes::join([plane(0), plane(1), plane(2), plane(3)], &mut block.values);
         start = end;
     }
     Ok(())

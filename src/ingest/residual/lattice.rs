@@ -29,7 +29,7 @@ impl Lattice {
     pub(super) fn count_all(&mut self, edge: usize) {
         self.edge = edge;
         self.places.clear();
-        let bends = |h: &usize| h % 4 != 0 || *h == 0 || *h == 2 * edge;
+        let bends = |h: &usize| !h.is_multiple_of(4) || *h == 0 || *h == 2 * edge;
         self.places.extend((0..=2 * edge).filter(bends));
         self.counted.clear();
         self.is_empty = false;
