@@ -51,20 +51,26 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             .map_err(|source| Error::io(folder, "cannot make the folder", source))?;
     }
     let bench = Bench::new(arguments)?;
-    let mut all = Vec::new();
+    let (mut all, mut text) = (Vec::new(), String::new());
     for data in &data {
         all.push(bench.measure(data)?);
-    }
-    let text = csv(&all.iter().map(row).collect::<Vec<_>>())?;
-    if let Some(folder) = &arguments.output {
-        super::write(&folder.join("scaling.csv"), &text)?;
-        for (name, plot) in plots(&all) {
-            super::write(&folder.join(name), &plot.svg())?;
+        text = csv(&all.iter().map(row).collect::<Vec<_>>())?;
+        // After each: the largest data may be more than the disk holds.
+        if let Some(folder) = &arguments.output {
+            save(folder, &text, &all)?;
         }
     }
     let mut output = Output::new();
     text.lines().try_for_each(|line| output.line(line))?;
     output.finish()
+}
+
+fn save(folder: &Path, text: &str, all: &[Measured]) -> Result<()> {
+    super::write(&folder.join("scaling.csv"), text)?;
+    for (name, plot) in plots(all) {
+        super::write(&folder.join(name), &plot.svg())?;
+    }
+    Ok(())
 }
 
 /// Numbers above 0, separated by commas.
