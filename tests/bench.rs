@@ -255,6 +255,56 @@ fn reading_is_compared_with_plain_reading_in_every_layout() {
 }
 
 #[test]
+fn data_of_growing_size_are_made_ingested_drawn_and_removed() {
+    let (folder, cache, _) = cache_and_scene("1");
+    let scene = "[image]\nwidth = 24\nheight = 16\n[camera]\nposition = [2.6, 1.7, -1.7]\n\
+                 look_at = [0.6, 0.55, 0.65]\nfov = 34.0\n[render]\nsamples = 1\n[[volume]]\n\
+                 field = \"density\"\nscale = \"log10\"\nrange = [0.1, 1000.0]\n";
+    let scene = written(folder.path(), "view.toml", scene);
+    let (rooms, plots) = (folder.path().join("rooms"), folder.path().join("plots"));
+    std::fs::create_dir(&rooms).unwrap();
+    let words: [&dyn AsRef<OsStr>; 9] = [
+        &"scaling",
+        &"--scales=0.1,0.2",
+        &"--scene",
+        &scene,
+        &"--folder",
+        &rooms,
+        &"--repeat=1",
+        &"-o",
+        &plots,
+    ];
+    let csv = bench(&words).done();
+    let rows = table(&csv);
+    assert_eq!(rows.len(), 2);
+    for column in ["source_bytes", "leaf_cells", "bricks", "cache_bytes"] {
+        assert!(number(&rows[1], column) > 2.0 * number(&rows[0], column), "{column}: {rows:?}");
+    }
+    for row in &rows {
+        assert_eq!(number(row, "levels"), 14.0);
+        let parts =
+            ["hierarchy", "cells", "write"].map(|p| number(row, &format!("ingest_{p}_seconds")));
+        // Rounded to hundredths each.
+        assert!((parts.iter().sum::<f64>() - number(row, "ingest_seconds")).abs() < 0.1, "{row:?}");
+        for column in ["ingest_peak_rss_bytes", "view_seconds", "view_peak_rss_bytes"] {
+            assert!(number(row, column) > 0.0, "{column}: {row:?}");
+        }
+        assert!(number(row, "view_open_seconds") < number(row, "view_seconds"));
+        assert!((0.0..=1.0).contains(&number(row, "view_wait_share")), "{row:?}");
+    }
+    assert_eq!(names(&rooms), [""; 0], "something is left");
+    assert_eq!(names(&plots), ["memory.svg", "scaling.csv", "seconds.svg"]);
+    assert_eq!(std::fs::read_to_string(plots.join("scaling.csv")).unwrap(), csv);
+    // A cache has no source, and a camera outside and one inside.
+    let rows = table(&bench(&[&"scaling", &cache, &"--repeat=1"]).done());
+    assert_eq!((&rows[0]["source_bytes"][..], &rows[0]["ingest_seconds"][..]), ("", ""));
+    assert!(number(&rows[0], "outside_seconds") > 0.0 && number(&rows[0], "inside_seconds") > 0.0);
+    for (list, what) in [("--scales=1,,2", "--scales"), ("--scales=-1", "--scales")] {
+        assert!(bench(&[&"scaling", &list]).failed().contains(what));
+    }
+}
+
+#[test]
 fn what_cannot_be_measured_is_one_clear_line() {
     let (folder, cache, scene) = cache_and_scene("1");
     let refused = |words: &[&dyn AsRef<OsStr>], what: &str| {

@@ -1,6 +1,7 @@
 //! Payload bytes: states as they are, values byte-shuffled, the whole zstd-compressed.
 
-use super::brick::{BrickShape, RawBrick, state};
+use super::brick::{Block, BrickShape, RawBrick, state};
+use super::planes;
 
 /// zstd level: what higher ones save on byte-shuffled floats is not worth their time.
 const COMPRESSION_LEVEL: i32 = 3;
@@ -32,17 +33,15 @@ impl Encoder {
         let cells: usize = brick.blocks.iter().map(|block| block.values.len()).sum();
         let start = self.raw.len();
         self.raw.resize(start + 4 * cells, 0);
-        shuffle(brick.blocks.iter().flat_map(|block| &block.values), &mut self.raw[start..], cells);
-        self.context.compress(&self.raw)
-    }
-}
-
-/// Byte planes: all first bytes, then all second bytes …
-fn shuffle<'a>(values: impl Iterator<Item = &'a f32>, planes: &mut [u8], cells: usize) {
-    for (i, value) in values.enumerate() {
-        for (plane, byte) in value.to_le_bytes().into_iter().enumerate() {
-            planes[plane * cells + i] = byte;
+        let (low, high) = self.raw[start..].split_at_mut(2 * cells);
+        let ((mut a, mut b), (mut c, mut d)) = (low.split_at_mut(cells), high.split_at_mut(cells));
+        for Block { values, .. } in &brick.blocks {
+            let parts = [a, b, c, d].map(|plane| plane.split_at_mut(values.len()));
+            let [(a0, a1), (b0, b1), (c0, c1), (d0, d1)] = parts;
+            planes::split(values, [a0, b0, c0, d0]);
+            (a, b, c, d) = (a1, b1, c1, d1);
         }
+        self.context.compress(&self.raw)
     }
 }
 
@@ -99,21 +98,17 @@ pub(super) fn stored_bytes_limit(raw: usize) -> usize {
 }
 
 fn unpack(states: &[u8], planes: &[u8], brick: &mut RawBrick) -> Result<(), &'static str> {
-    if !states.iter().all(|&bits| state::is_valid(bits)) {
+    // Without an end at the first: a whole row of states at a time.
+    if states.iter().fold(false, |found, &bits| found | !state::is_valid(bits)) {
         return Err("a cell's state is none that there is");
     }
     let cells = states.len();
-    let (low, high) = planes.split_at(2 * cells);
-    let ((b0, b1), (b2, b3)) = (low.split_at(cells), high.split_at(cells));
     let mut start = 0;
     for block in &mut brick.blocks {
         let end = start + block.states.len();
         block.states.copy_from_slice(&states[start..end]);
-        let planes = b0[start..end].iter().zip(&b1[start..end]);
-        let planes = planes.zip(b2[start..end].iter().zip(&b3[start..end]));
-        for (value, ((&a, &b), (&c, &d))) in block.values.iter_mut().zip(planes) {
-            *value = f32::from_le_bytes([a, b, c, d]);
-        }
+        let plane = |n: usize| &planes[n * cells + start..n * cells + end];
+        planes::join([plane(0), plane(1), plane(2), plane(3)], &mut block.values);
         start = end;
     }
     Ok(())

@@ -10,6 +10,7 @@ mod checksum;
 mod codec;
 mod header;
 mod index;
+pub mod planes;
 mod reader;
 mod record;
 mod verify;

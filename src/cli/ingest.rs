@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::ingest_stats::Stopwatch;
 use super::progress::Bar;
 use super::{output::Output, size};
 use crate::cache::Header;
@@ -52,6 +53,9 @@ pub(super) struct Arguments {
     /// Cells along a brick's edge: 8, 16 or 32 (default: what costs least)
     #[arg(long, value_name = "B")]
     brick: Option<u32>,
+    /// Write what the ingest took to this file (JSON)
+    #[arg(long, value_name = "FILE")]
+    stats: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
@@ -67,7 +71,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         region: arguments.region.as_deref().map(region).transpose()?,
         brick: arguments.brick,
     };
-    let header = ingest_with_bar(&source, &arguments.output, &options)?;
+    let mut stopwatch = Stopwatch::start();
+    let mut hear = |stage| stopwatch.hear(stage);
+    let header = ingest_with_bar(&source, &arguments.output, &options, &mut hear)?;
+    if let Some(path) = &arguments.stats {
+        stopwatch.stop(&source, options.memory, &header)?.write(path)?;
+    }
     report(&header, arguments)
 }
 
@@ -82,14 +91,18 @@ fn fields(source: &Derived<'_>, asked: &[String]) -> Vec<String> {
     fields
 }
 
-/// Ingests, with a progress bar on a terminal.
+/// Ingests, with a progress bar on a terminal; `hear` is told the stage again and again.
 pub(super) fn ingest_with_bar(
     source: &dyn Source,
     target: &std::path::Path,
     options: &Options,
+    hear: &mut (dyn FnMut(Stage) + Send),
 ) -> Result<Header> {
     let bar = Bar::new("hierarchy", "bricks");
-    let mut listener = |stage, done, total| bar.show(label(stage), done, total);
+    let mut listener = |stage, done, total| {
+        hear(stage);
+        bar.show(label(stage), done, total);
+    };
     crate::ingest::ingest(source, target, options, &mut Progress::new(&mut listener))
 }
 

@@ -8,6 +8,7 @@ mod expressions;
 mod headers;
 mod info;
 mod ingest;
+mod ingest_stats;
 mod output;
 mod probe;
 mod progress;

@@ -21,12 +21,18 @@ pub(super) struct Arguments {
     /// The layout to write (default: the recipe's)
     #[arg(long, value_name = "NAME")]
     format: Option<String>,
+    /// Cells along each axis, of all levels, over the recipe's: the same gas in larger data
+    #[arg(long, value_name = "N", default_value_t = 1.0)]
+    scale: f64,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut recipe = load(&arguments.recipe)?;
     if let Some(format) = &arguments.format {
         recipe = recipe.with_format(format)?;
+    }
+    if arguments.scale != 1.0 {
+        recipe = recipe.scaled(arguments.scale)?;
     }
     let bar = Bar::new("synth", "grids");
     let summary = synth::write(&recipe, &arguments.output, &mut |done, total| {

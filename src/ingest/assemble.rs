@@ -1,7 +1,8 @@
 //! Pass 2, one brick: its cells from source grids and from the averages of its children.
 
 use super::cells::SourceCells;
-use super::tally::{Tally, exponent, round_mantissa, times_power_of_two};
+use super::packed::pack;
+use super::tally::{Tally, exponent, magnitudes, round_mantissa, sum, times_power_of_two};
 use super::upward::{Averages, Upward, average};
 use crate::cache::{BrickShape, state};
 use crate::space::IndexBox;
@@ -53,8 +54,10 @@ pub(super) struct Counts {
 /// An assembled brick.
 pub(super) struct Assembled {
     pub(super) counts: Counts,
-    pub(super) fields: Vec<FieldCells>,
-    pub(super) upward: Upward,
+    /// All fields, [packed](super::packed); nothing where cells are not kept.
+    pub(super) packed: Vec<u8>,
+    /// The averages for the parent, as [`Upward::to_bytes`] makes them.
+    pub(super) upward: Vec<u8>,
     pub(super) tallies: Vec<Tally>,
 }
 
@@ -67,17 +70,16 @@ pub(super) struct Assembler<'s> {
     pub(super) rules: Rules,
     /// The source's path, for messages.
     pub(super) place: String,
+    /// Whether cells are wanted, beside what is counted.
+    pub(super) keeps_cells: bool,
 }
 
 impl Assembler<'_> {
     /// The brick's cells, its averages for the parent, and what it counts.
     pub(super) fn assemble(&self, job: &Job) -> Result<Assembled> {
-        let mut assembled = Assembled {
-            counts: Counts::default(),
-            fields: Vec::with_capacity(self.fields),
-            upward: Upward { coordinates: job.coordinates, fields: Vec::new() },
-            tallies: Vec::new(),
-        };
+        let (mut packed, mut tallies) = (Vec::new(), Vec::with_capacity(self.fields));
+        let mut counts = Counts::default();
+        let mut upward = Upward { coordinates: job.coordinates, fields: Vec::new() };
         for field in 0..self.fields {
             let mut draft = Draft::new(self.shape, job, self.root_cells);
             self.fill_from_grids(job, field, &mut draft)?;
@@ -86,14 +88,17 @@ impl Assembler<'_> {
             }
             self.check_complete(job, &draft)?;
             let mut tally = Tally::default();
-            assembled.counts = self.finish_leaves(job, &mut draft, &mut tally);
+            counts = self.finish_leaves(job, &mut draft, &mut tally);
             let averages = average(self.shape.edge(), &draft.states, &draft.values, &draft.weights)
                 .map_err(|cell| self.partial(job, cell))?;
-            assembled.upward.fields.push(averages);
-            assembled.fields.push(draft.store(self.rules.relative_error, &mut tally));
-            assembled.tallies.push(tally);
+            upward.fields.push(averages);
+            let stored = draft.store(self.rules.relative_error, &mut tally);
+            if self.keeps_cells {
+                pack(&stored, &mut packed);
+            }
+            tallies.push(tally);
         }
-        Ok(assembled)
+        Ok(Assembled { counts, packed, upward: upward.to_bytes(), tallies })
     }
 
     fn fill_from_grids(&self, job: &Job, field: usize, draft: &mut Draft) -> Result<()> {
@@ -101,16 +106,15 @@ impl Assembler<'_> {
         for &number in &job.grids {
             self.cells.rows(number, field, &wanted, &mut |first, values| {
                 let start = draft.index(first);
-                for (i, &value) in values.iter().enumerate() {
-                    if draft.states[start + i] & state::EXISTS != 0 {
-                        return Err(self.overlap(job, number, first)?);
-                    }
-                    if value.abs() > LARGEST {
-                        return Err(self.too_large(number, first, i, value)?);
-                    }
-                    draft.states[start + i] |= state::EXISTS;
-                    draft.values[start + i] = value;
+                let states = &mut draft.states[start..start + values.len()];
+                if states.iter().any(|bits| bits & state::EXISTS != 0) {
+                    return Err(self.overlap(job, number, first)?);
                 }
+                if let Some(i) = values.iter().position(|value| value.abs() > LARGEST) {
+                    return Err(self.too_large(number, first, i, values[i])?);
+                }
+                states.iter_mut().for_each(|bits| *bits |= state::EXISTS);
+                draft.values[start..start + values.len()].copy_from_slice(values);
                 Ok(())
             })?;
         }
@@ -132,21 +136,17 @@ impl Assembler<'_> {
     /// Marks dropped leaf cells and counts the others.
     fn finish_leaves(&self, job: &Job, draft: &mut Draft, tally: &mut Tally) -> Counts {
         let mut counts = Counts::default();
+        let has_rules = self.rules.drop_below.is_some() || self.rules.region.is_some();
+        let mut kept = Vec::with_capacity(draft.states.len());
         for at in 0..draft.states.len() {
             let bits = draft.states[at];
-            if bits & state::EXISTS == 0 {
+            counts.existing += u32::from(bits & state::EXISTS != 0);
+            counts.refined += u32::from(bits & state::REFINED != 0);
+            if bits & (state::EXISTS | state::REFINED) != state::EXISTS {
                 continue;
             }
-            counts.existing += 1;
-            if bits & state::REFINED != 0 {
-                counts.refined += 1;
-                continue;
-            }
-            counts.leaf += 1;
             let value = draft.values[at];
-            let dropped = self.rules.drop_below.is_some_and(|least| value < least)
-                || !self.in_region(job.octree, draft.cell(at));
-            if dropped {
+            if has_rules && self.drops(job.octree, draft.cell(at), value) {
                 draft.states[at] |= state::VOID;
                 draft.values[at] = 0.0;
                 tally.dropped_cells += 1;
@@ -154,10 +154,16 @@ impl Assembler<'_> {
             } else if value.is_nan() {
                 tally.nan_cells += 1;
             } else {
-                tally.count(value);
+                kept.push(value);
             }
         }
+        counts.leaf = counts.existing - counts.refined;
+        tally.count(&kept);
         counts
+    }
+
+    fn drops(&self, octree: i32, cell: [i128; 3], value: f64) -> bool {
+        self.rules.drop_below.is_some_and(|least| value < least) || !self.in_region(octree, cell)
     }
 
     fn in_region(&self, octree: i32, cell: [i128; 3]) -> bool {
@@ -286,22 +292,17 @@ impl Draft {
 
     /// The field as it is stored.
     fn store(self, relative_error: f64, tally: &mut Tally) -> FieldCells {
-        let (mut largest, mut smallest) = (0.0f64, f64::INFINITY);
-        for value in self.values.iter().filter(|value| **value != 0.0) {
-            largest = largest.max(value.abs());
-            smallest = smallest.min(value.abs());
-        }
+        let (largest, smallest) = magnitudes(&self.values);
         let power = exponent(largest, smallest);
         let store = |&value: &f64| {
             let scaled = if power == 0 { value } else { times_power_of_two(value, -power) };
             round_mantissa(scaled as f32, relative_error)
         };
         let values: Vec<f32> = self.values.iter().map(store).collect();
-        for (&value, &bits) in values.iter().zip(&self.states) {
-            if bits == state::EXISTS && !value.is_nan() {
-                tally.stored_sum.add(times_power_of_two(f64::from(value), power));
-            }
-        }
+        let leaves = values.iter().zip(&self.states);
+        let leaves = leaves.filter(|(value, bits)| **bits == state::EXISTS && !value.is_nan());
+        let stored: Vec<f64> = leaves.map(|(&value, _)| f64::from(value)).collect();
+        tally.stored_sum.add(times_power_of_two(sum(&stored).value(), power));
         FieldCells { exponent: power, states: self.states, values }
     }
 }

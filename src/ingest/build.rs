@@ -12,7 +12,7 @@ use super::sort::Merge;
 use super::spool::Spool;
 use super::store::{BrickStore, Topology};
 use super::tally::Tally;
-use super::upward::{UpwardLevel, UpwardReader};
+use super::upward::{UpwardLevel, UpwardReader, octant};
 use crate::Result;
 use crate::cache::BrickShape;
 use crate::space::Domain;
@@ -47,7 +47,6 @@ pub(super) fn build(
     assembler: &Assembler<'_>,
     domain: &Domain,
     directory: &Path,
-    keep_cells: bool,
     batch: usize,
     progress: &mut Progress<'_>,
 ) -> Result<Built> {
@@ -55,7 +54,7 @@ pub(super) fn build(
     let deepest = layout.grids_per_level.len() as i32 - 1;
     let upper = upper_levels(shape, domain.root_cells()) as i32;
     let mut built = Built {
-        store: BrickStore::new(directory, shape, assembler.fields, keep_cells)?,
+        store: BrickStore::new(directory, shape, assembler.fields, assembler.keeps_cells)?,
         cells: Vec::new(),
         tallies: vec![Tally::default(); assembler.fields],
     };
@@ -73,17 +72,21 @@ pub(super) fn build(
             children_taken: 0,
             above,
         };
-        loop {
-            let jobs = level.next_jobs(&mut overlaps, batch)?;
-            if jobs.is_empty() {
-                break;
-            }
-            let done: Vec<Result<Assembled>> =
-                jobs.par_iter().map(|job| assembler.assemble(job)).collect();
-            for (job, assembled) in jobs.iter().zip(done) {
-                level.take(job, &assembled?, &mut built)?;
-            }
+        let mut jobs = level.next_jobs(&mut overlaps, batch)?;
+        let mut done = Vec::new();
+        // Bricks are assembled while those before them are filed and those after them found.
+        while !(jobs.is_empty() && done.is_empty()) {
+            let assemble = || -> Vec<Result<Assembled>> {
+                jobs.par_iter().map(|job| assembler.assemble(job)).collect()
+            };
+            let (assembled, next) = rayon::join(assemble, || {
+                level.take_all(done, &mut built)?;
+                level.next_jobs(&mut overlaps, batch)
+            });
             progress.advance(jobs.len() as u64);
+            let kin = jobs.iter().map(Kin::of).collect::<Vec<_>>();
+            done = kin.into_iter().zip(assembled).collect();
+            jobs = next?;
         }
         level.above.flush()?;
         below = level.above;
@@ -153,16 +156,21 @@ impl LevelBuilder<'_> {
         Ok(job)
     }
 
+    /// Files assembled bricks in their order.
+    fn take_all(&mut self, done: Vec<(Kin, Result<Assembled>)>, built: &mut Built) -> Result<()> {
+        done.into_iter().try_for_each(|(kin, assembled)| self.take(&kin, &assembled?, built))
+    }
+
     /// Files an assembled brick.
-    fn take(&mut self, job: &Job, assembled: &Assembled, built: &mut Built) -> Result<()> {
+    fn take(&mut self, kin: &Kin, assembled: &Assembled, built: &mut Built) -> Result<()> {
         let topology = Topology {
             first_child: self.children_taken,
-            child_mask: job.children.iter().fold(0, |mask, child| mask | 1 << child.octant()),
-            octant: assembled.upward.octant(),
+            child_mask: kin.child_mask,
+            octant: kin.octant,
             counts: assembled.counts,
         };
-        self.children_taken += job.children.len() as u64;
-        built.store.push(topology, &assembled.fields)?;
+        self.children_taken += u64::from(kin.child_mask.count_ones());
+        built.store.push(topology, &assembled.packed)?;
         self.above.push(&assembled.upward)?;
         for (tally, brick) in built.tallies.iter_mut().zip(&assembled.tallies) {
             tally.merge(brick, self.volume);
@@ -172,5 +180,18 @@ impl LevelBuilder<'_> {
             cells.leaf += u64::from(assembled.counts.leaf);
         }
         Ok(())
+    }
+}
+
+/// A brick among others: what of a job is needed once it is done.
+struct Kin {
+    child_mask: u8,
+    octant: u8,
+}
+
+impl Kin {
+    fn of(job: &Job) -> Self {
+        let child_mask = job.children.iter().fold(0, |mask, child| mask | 1 << child.octant());
+        Self { child_mask, octant: octant(&job.coordinates) }
     }
 }

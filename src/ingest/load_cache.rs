@@ -1,6 +1,6 @@
 //! A bounded cache of what is loaded on demand by several threads.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::hash::Hash;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -16,21 +16,24 @@ pub(super) struct LoadCache<K, V> {
 type Slot<V> = Arc<OnceLock<std::result::Result<Arc<V>, String>>>;
 
 struct Entries<K, V> {
-    slots: HashMap<K, (Slot<V>, usize)>,
-    clock: Vec<Entry<K>>,
-    hand: usize,
+    known: HashMap<K, Entry<V>>,
+    /// By when they were last used, about: see [`Entries::refresh`].
+    order: BTreeMap<u64, K>,
+    /// Uses that were noted so far.
+    uses: u64,
     bytes: usize,
 }
 
-struct Entry<K> {
-    key: K,
-    recent: bool,
+struct Entry<V> {
+    slot: Slot<V>,
+    used: u64,
     bytes: usize,
 }
 
 impl<K: Eq + Hash + Copy, V> LoadCache<K, V> {
     pub(super) fn new(limit: usize) -> Self {
-        let entries = Entries { slots: HashMap::new(), clock: Vec::new(), hand: 0, bytes: 0 };
+        let (known, order) = (HashMap::new(), BTreeMap::new());
+        let entries = Entries { known, order, uses: 0, bytes: 0 };
         Self { limit, entries: Mutex::new(entries) }
     }
 
@@ -53,39 +56,34 @@ impl<K: Eq + Hash + Copy, V> LoadCache<K, V> {
 
 impl<K: Eq + Hash + Copy, V> Entries<K, V> {
     fn slot(&mut self, key: K, bytes: usize, limit: usize) -> Slot<V> {
-        if let Some((slot, place)) = self.slots.get(&key) {
-            if let Some(entry) = self.clock.get_mut(*place) {
-                entry.recent = true;
-            }
-            return Arc::clone(slot);
+        if let Some(slot) = self.refresh(key) {
+            return slot;
         }
-        while self.bytes + bytes > limit && !self.clock.is_empty() {
-            self.evict();
+        while self.bytes + bytes > limit
+            && let Some((_, oldest)) = self.order.pop_first()
+        {
+            self.bytes -= self.known.remove(&oldest).map_or(0, |gone| gone.bytes);
         }
         let slot = Slot::default();
-        self.slots.insert(key, (Arc::clone(&slot), self.clock.len()));
-        self.clock.push(Entry { key, recent: false, bytes });
+        self.uses += 1;
+        self.known.insert(key, Entry { slot: Arc::clone(&slot), used: self.uses, bytes });
+        self.order.insert(self.uses, key);
         self.bytes += bytes;
         slot
     }
 
-    /// Drops the next entry under the clock hand that was not used since it last came by.
-    fn evict(&mut self) {
-        self.hand %= self.clock.len();
-        let entry = &mut self.clock[self.hand];
-        if entry.recent {
-            entry.recent = false;
-            self.hand += 1;
-            return;
+    /// Looks `key` up. A use is noted only of what would be among the older entries else: most
+    /// uses follow others closely.
+    fn refresh(&mut self, key: K) -> Option<Slot<V>> {
+        let count = self.known.len() as u64;
+        let entry = self.known.get_mut(&key)?;
+        if self.uses - entry.used > count / 4 {
+            self.uses += 1;
+            self.order.remove(&entry.used);
+            self.order.insert(self.uses, key);
+            entry.used = self.uses;
         }
-        let gone = self.clock.swap_remove(self.hand);
-        self.slots.remove(&gone.key);
-        self.bytes -= gone.bytes;
-        if let Some(moved) = self.clock.get(self.hand)
-            && let Some(slot) = self.slots.get_mut(&moved.key)
-        {
-            slot.1 = self.hand;
-        }
+        Some(Arc::clone(&entry.slot))
     }
 }
 
@@ -112,8 +110,26 @@ mod tests {
         for key in 4..100 {
             assert_eq!(get(key), key * 2);
         }
-        assert_eq!(cache.entries.lock().unwrap().slots.len(), 4);
-        assert_eq!(cache.entries.lock().unwrap().clock.len(), 4);
+        assert_eq!(cache.entries.lock().unwrap().known.len(), 4);
+        assert_eq!(cache.entries.lock().unwrap().order.len(), 4);
+    }
+
+    #[test]
+    fn what_was_used_last_is_given_up_last() {
+        let cache = LoadCache::new(200);
+        let mut loads = 0;
+        // A walk that returns to each key 9 steps later, and in between uses 18 others.
+        for step in 0..1000_u32 {
+            for key in [step, step.saturating_sub(9)] {
+                cache
+                    .get(key, 10, || {
+                        loads += 1;
+                        Ok(key)
+                    })
+                    .unwrap();
+            }
+        }
+        assert_eq!(loads, 1000);
     }
 
     #[test]

@@ -16,6 +16,7 @@ mod hood;
 mod load_cache;
 mod morton;
 mod overlaps;
+mod packed;
 mod plan;
 mod progress;
 mod residual;
@@ -38,7 +39,7 @@ use assemble::{Assembler, Rules};
 use build::Built;
 use cells::SourceCells;
 pub use cells::chunks;
-use complete::Completion;
+use complete::{Completion, Spare};
 use overlaps::Layout;
 pub use plan::DEFAULT_MEMORY;
 use plan::Plan;
@@ -112,6 +113,7 @@ pub fn ingest(
             store: &survey.built.store,
             batch: survey.plan.completion_batch(header.shape, header.fields.len()),
             memory: survey.plan.stored_bricks,
+            scratch: Spare::default(),
             header,
             target,
             directory,
@@ -182,11 +184,12 @@ fn survey_in(
         fields: fields.len(),
         rules: rules(options, &hierarchy.domain)?,
         place: source.path().display().to_string(),
+        keeps_cells: keep_cells,
     };
     progress.begin(Stage::Cells, layout.cubes[shape.edge().trailing_zeros() as usize - 3]);
     let batch = plan.assembly_batch(shape, fields.len());
     let domain = &hierarchy.domain;
-    let built = build::build(&layout, &assembler, domain, directory, keep_cells, batch, progress)?;
+    let built = build::build(&layout, &assembler, domain, directory, batch, progress)?;
     let header = header(source, options, &fields, shape, &layout, &built);
     Ok(Survey { built, header, plan })
 }

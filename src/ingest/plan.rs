@@ -45,16 +45,17 @@ impl Plan {
         })
     }
 
-    /// Bricks to assemble at a time: each holds its children's averages, a draft and the result.
+    /// Bricks to assemble at a time: each holds its children's averages, a draft and the result;
+    /// results of as many wait to be written, and averages for as many have been read.
     pub(super) fn assembly_batch(&self, shape: BrickShape, fields: usize) -> usize {
         let averages = fields * 17 * shape.cells();
-        let each = 2 * averages + BrickStore::brick_bytes(shape, fields);
+        let each = 3 * averages + 2 * BrickStore::brick_bytes(shape, fields);
         (self.working / each).clamp(2, 1024)
     }
 
-    /// Bricks to complete at a time: each holds its stored payloads.
+    /// Bricks to complete at a time: each holds its stored payloads, while as many are written.
     pub(super) fn completion_batch(&self, shape: BrickShape, fields: usize) -> usize {
-        let each = fields * shape.payload_bytes(3) + (4 << 10);
+        let each = 2 * (fields * shape.payload_bytes(3) + (4 << 10));
         (self.working / each).clamp(2, 1024)
     }
 }

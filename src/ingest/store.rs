@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::assemble::{Counts, FieldCells};
 use super::load_cache::LoadCache;
+use super::packed::unpack;
 use super::spool::Spool;
 use crate::Result;
 use crate::cache::BrickShape;
@@ -20,7 +21,7 @@ pub(super) struct Topology {
 }
 
 impl Topology {
-    const BYTES: usize = 24;
+    const BYTES: usize = 22;
 
     fn to_bytes(self) -> [u8; Self::BYTES] {
         let mut bytes = [0; Self::BYTES];
@@ -54,7 +55,8 @@ struct Level {
 /// Bricks of all levels, addressed by level and number within it.
 pub(super) struct BrickStore {
     cells: Option<Spool>,
-    topology: Spool,
+    /// An entry a brick.
+    table: Spool,
     /// Finest level first, as they were made.
     levels: Vec<Level>,
     shape: BrickShape,
@@ -71,11 +73,14 @@ impl BrickStore {
         keep_cells: bool,
     ) -> Result<Self> {
         let cells = keep_cells.then(|| Spool::new(directory)).transpose()?;
-        let topology = Spool::new(directory)?;
-        Ok(Self { cells, topology, levels: Vec::new(), shape, fields, bricks: 0 })
+        let table = Spool::new(directory)?;
+        Ok(Self { cells, table, levels: Vec::new(), shape, fields, bricks: 0 })
     }
 
-    /// Bytes of one brick's cells.
+    /// Bytes of an entry of the table of bricks: topology, and where the packed cells lie.
+    const ENTRY: u64 = Topology::BYTES as u64 + 12;
+
+    /// Bytes of one brick's cells in memory.
     pub(super) fn brick_bytes(shape: BrickShape, fields: usize) -> usize {
         fields * (4 + 5 * shape.cells())
     }
@@ -85,17 +90,19 @@ impl BrickStore {
         self.levels.push(Level { first: self.bricks, count: 0 });
     }
 
-    /// Appends a brick to the level begun last.
-    pub(super) fn push(&mut self, topology: Topology, fields: &[FieldCells]) -> Result<()> {
-        self.topology.append(&topology.to_bytes())?;
-        if let Some(spool) = &mut self.cells {
-            for field in fields {
-                spool.append(&field.exponent.to_le_bytes())?;
-                spool.append(&field.states)?;
-                let bytes: Vec<u8> = field.values.iter().flat_map(|v| v.to_le_bytes()).collect();
-                spool.append(&bytes)?;
-            }
-        }
+    /// Appends a brick to the level begun last, with all its fields [packed](super::packed).
+    pub(super) fn push(&mut self, topology: Topology, packed: &[u8]) -> Result<()> {
+        let place = match &mut self.cells {
+            Some(spool) => spool.append(packed)?,
+            None => 0,
+        };
+        let mut entry = [0; Self::ENTRY as usize];
+        let (of_topology, of_cells) = entry.split_at_mut(Topology::BYTES);
+        of_topology.copy_from_slice(&topology.to_bytes());
+        of_cells[..8].copy_from_slice(&place.to_le_bytes());
+        let length = u32::try_from(packed.len()).unwrap_or(u32::MAX);
+        of_cells[8..].copy_from_slice(&length.to_le_bytes());
+        self.table.append(&entry)?;
         self.bricks += 1;
         if let Some(level) = self.levels.last_mut() {
             level.count += 1;
@@ -108,7 +115,7 @@ impl BrickStore {
         if let Some(spool) = &mut self.cells {
             spool.flush()?;
         }
-        self.topology.flush()
+        self.table.flush()
     }
 
     /// Number of levels.
@@ -132,26 +139,23 @@ impl BrickStore {
     /// Topology of brick `brick` of tree level `level`.
     pub(super) fn topology(&self, level: usize, brick: u64) -> Result<Topology> {
         let mut bytes = [0; Topology::BYTES];
-        let place = self.number(level, brick) * Topology::BYTES as u64;
-        self.topology.read(place, &mut bytes)?;
+        self.table.read(self.number(level, brick) * Self::ENTRY, &mut bytes)?;
         Ok(Topology::from_bytes(&bytes))
     }
 
     /// All fields of brick `brick` of tree level `level`.
     fn cells(&self, level: usize, brick: u64) -> Result<Vec<FieldCells>> {
         let Some(spool) = &self.cells else { return Ok(Vec::new()) };
-        let mut bytes = vec![0; Self::brick_bytes(self.shape, self.fields)];
-        spool.read(self.number(level, brick) * bytes.len() as u64, &mut bytes)?;
-        let cells = self.shape.cells();
-        let field = |bytes: &[u8]| FieldCells {
-            exponent: bytes[..4].try_into().map_or(0, i32::from_le_bytes),
-            states: bytes[4..4 + cells].to_vec(),
-            values: bytes[4 + cells..]
-                .chunks_exact(4)
-                .map(|word| word.try_into().map_or(0.0, f32::from_le_bytes))
-                .collect(),
-        };
-        Ok(bytes.chunks_exact(bytes.len() / self.fields).map(field).collect())
+        let mut place = [0; 12];
+        let entry = self.number(level, brick) * Self::ENTRY;
+        self.table.read(entry + Topology::BYTES as u64, &mut place)?;
+        let (start, length) = place.split_at(8);
+        let start = start.try_into().map_or(0, u64::from_le_bytes);
+        let length = length.try_into().map_or(0, u32::from_le_bytes);
+        let mut packed = vec![0; length as usize];
+        spool.read(start, &mut packed)?;
+        let mut rest = packed.as_slice();
+        (0..self.fields).map(|_| unpack(self.shape, &mut rest)).collect()
     }
 }
 

@@ -23,6 +23,73 @@ impl Sum {
     }
 }
 
+/// Values that are counted side by side.
+const LANES: usize = 4;
+
+/// The sum of many values: of every fourth first.
+pub(super) fn sum(values: &[f64]) -> Sum {
+    let (chunks, rest) = values.as_chunks::<LANES>();
+    let (mut sums, mut carried) = ([0.0_f64; LANES], [0.0; LANES]);
+    for chunk in chunks {
+        for n in 0..LANES {
+            let (old, value) = (sums[n], chunk[n]);
+            let new = old + value;
+            let (large, small) = if old.abs() >= value.abs() { (old, value) } else { (value, old) };
+            carried[n] += (large - new) + small;
+            sums[n] = new;
+        }
+    }
+    let mut total = Sum::default();
+    sums.iter().chain(&carried).chain(rest).for_each(|&value| total.add(value));
+    total
+}
+
+/// The largest magnitude among `values`, and the smallest that is not 0; NaN aside.
+pub(super) fn magnitudes(values: &[f64]) -> (f64, f64) {
+    let (mut largest, mut smallest) = ([0.0; LANES], [f64::INFINITY; LANES]);
+    let (chunks, rest) = values.as_chunks::<LANES>();
+    let mut count = |n: usize, value: f64| {
+        let magnitude = value.abs();
+        largest[n] = if magnitude > largest[n] { magnitude } else { largest[n] };
+        let is_smaller = magnitude < smallest[n] && magnitude > 0.0;
+        smallest[n] = if is_smaller { magnitude } else { smallest[n] };
+    };
+    chunks.iter().for_each(|chunk| (0..LANES).for_each(|n| count(n, chunk[n])));
+    rest.iter().for_each(|&value| count(0, value));
+    (largest.into_iter().fold(0.0, f64::max), smallest.into_iter().fold(f64::INFINITY, f64::min))
+}
+
+/// What [`Tally`] knows of extrema.
+#[derive(Debug, Clone, Copy)]
+struct Extrema {
+    min: f64,
+    max: f64,
+    smallest_positive: f64,
+    smallest_magnitude: f64,
+}
+
+impl Extrema {
+    const NONE: Self = Self {
+        min: f64::INFINITY,
+        max: f64::NEG_INFINITY,
+        smallest_positive: f64::INFINITY,
+        smallest_magnitude: f64::INFINITY,
+    };
+
+    /// With `value`, which is not NaN.
+    fn with(self, value: f64) -> Self {
+        let smaller = |a: f64, b: f64| if a < b { a } else { b };
+        let positive = if value > 0.0 { value } else { f64::INFINITY };
+        let magnitude = if value == 0.0 { f64::INFINITY } else { value.abs() };
+        Self {
+            min: smaller(value, self.min),
+            max: if value > self.max { value } else { self.max },
+            smallest_positive: smaller(positive, self.smallest_positive),
+            smallest_magnitude: smaller(magnitude, self.smallest_magnitude),
+        }
+    }
+}
+
 /// What is counted of one field: over leaf cells that are neither dropped nor NaN where nothing
 /// else is said.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,17 +124,20 @@ impl Default for Tally {
 }
 
 impl Tally {
-    /// Counts a leaf cell's value.
-    pub(super) fn count(&mut self, value: f64) {
-        self.min = self.min.min(value);
-        self.max = self.max.max(value);
-        if value > 0.0 {
-            self.smallest_positive = self.smallest_positive.min(value);
+    /// Counts leaf cells' values, none of them NaN.
+    pub(super) fn count(&mut self, values: &[f64]) {
+        let (chunks, rest) = values.as_chunks::<LANES>();
+        let lanes = chunks.iter().fold([Extrema::NONE; LANES], |lanes, chunk| {
+            std::array::from_fn(|n| lanes[n].with(chunk[n]))
+        });
+        let of_rest = rest.iter().fold(Extrema::NONE, |extrema, &value| extrema.with(value));
+        for extrema in lanes.into_iter().chain([of_rest]) {
+            self.min = self.min.min(extrema.min);
+            self.max = self.max.max(extrema.max);
+            self.smallest_positive = self.smallest_positive.min(extrema.smallest_positive);
+            self.smallest_magnitude = self.smallest_magnitude.min(extrema.smallest_magnitude);
         }
-        if value != 0.0 {
-            self.smallest_magnitude = self.smallest_magnitude.min(value.abs());
-        }
-        self.sum.add(value);
+        self.sum.add(sum(values).value());
     }
 
     /// Takes in what a brick counted whose cells have volume `volume`. Bricks come in one order
@@ -140,6 +210,8 @@ mod tests {
             sum.add(value);
         }
         assert_eq!(sum.value(), 1.001);
+        let values = [1e100, 1.0, 3.0, 1e90, -1e100, 1e-3, -2.0, -1e90, 7.0];
+        assert_eq!(super::sum(&values).value(), 9.001);
     }
 
     #[test]

@@ -29,8 +29,7 @@ pub(super) struct Upward {
 impl Upward {
     /// The octant of the parent that the brick is.
     pub(super) fn octant(&self) -> u8 {
-        let bit = |a: usize| u8::from(self.coordinates[a] & 1 == 1) << a;
-        bit(0) | bit(1) | bit(2)
+        octant(&self.coordinates)
     }
 
     /// The parent's coordinates.
@@ -38,18 +37,30 @@ impl Upward {
         self.coordinates.map(|c| c >> 1)
     }
 
-    fn append_to(&self, spool: &mut Spool) -> Result<()> {
-        let mut bytes = Vec::new();
+    /// What [`UpwardLevel::push`] takes.
+    pub(super) fn to_bytes(&self) -> Vec<u8> {
+        let numbers = self.fields.iter().map(|field| field.values.len() + field.weights.len());
+        let mut bytes = Vec::with_capacity(48 + 9 * numbers.sum::<usize>());
         self.coordinates.iter().for_each(|c| bytes.extend_from_slice(&c.to_le_bytes()));
         for field in &self.fields {
             bytes.push(u8::from(!field.weights.is_empty()));
             bytes.extend_from_slice(&field.states);
-            for number in field.values.iter().chain(&field.weights) {
-                bytes.extend_from_slice(&number.to_le_bytes());
+            for numbers in [&field.values, &field.weights] {
+                let start = bytes.len();
+                bytes.resize(start + 8 * numbers.len(), 0);
+                for (word, number) in bytes[start..].chunks_exact_mut(8).zip(numbers) {
+                    word.copy_from_slice(&number.to_le_bytes());
+                }
             }
         }
-        spool.append(&bytes).map(|_| ())
+        bytes
     }
+}
+
+/// The octant of its parent that the brick at `coordinates` is.
+pub(super) fn octant(coordinates: &[u128; 3]) -> u8 {
+    let bit = |a: usize| u8::from(coordinates[a] & 1 == 1) << a;
+    bit(0) | bit(1) | bit(2)
 }
 
 /// The averages of one level, in Morton order, on disk.
@@ -64,8 +75,9 @@ impl UpwardLevel {
         Self { spool, shape, fields }
     }
 
-    pub(super) fn push(&mut self, upward: &Upward) -> Result<()> {
-        upward.append_to(&mut self.spool)
+    /// Appends what [`Upward::to_bytes`] has made.
+    pub(super) fn push(&mut self, upward: &[u8]) -> Result<()> {
+        self.spool.append(upward).map(|_| ())
     }
 
     pub(super) fn flush(&mut self) -> Result<()> {

@@ -49,6 +49,7 @@ pub mod scaled;
 #[cfg(test)]
 mod scaled_tests;
 pub mod shading;
+mod span_tree;
 pub mod stats;
 #[cfg(test)]
 mod stress_tests;

@@ -216,7 +216,8 @@ fn more_care_means_a_smaller_bound_and_packets_do_pass() {
             assert!(found.is_fit && found.samples > 0);
             setting.check(&rays, &found).unwrap()
         });
-        assert!(four[1] < 0.5 * once[1], "{place:?}: {once:?} {four:?}");
+        let less = if is_rough { 0.5 } else { 1.0 };
+        assert!(four[1] <= less * once[1], "{place:?}: {once:?} {four:?}");
         // Of values without any order, and of a linear field.
         let most = if is_rough { [2e-2, 10.0] } else { [1e-3, 0.1] };
         assert!(once[0] < most[0] && once[1] < most[1], "{place:?}: {once:?}");

@@ -1,6 +1,7 @@
 //! The transfer function cut where its formula changes: what exact integration walks along.
 
 use super::ray_error::Change;
+use super::span_tree::SpanTree;
 use crate::scene::TransferFunction;
 
 /// Buckets of the look-up over [0, 1].
@@ -135,6 +136,26 @@ impl Piece {
         (0..3).map(step).fold(0.0, f64::max)
     }
 
+    /// What the function does in the part of [low, high] that lies in the piece, which it reaches
+    /// from below.
+    fn over(&self, low: f64, high: f64) -> Span {
+        let slope = Change { emission: self.slope[0], extinction: self.slope[1] };
+        let (left, right) = (low.max(self.start), high.min(self.end));
+        let width = (right - left).max(0.0);
+        let most = |x: f64| self.emission(x).into_iter().fold(0.0, f64::max);
+        // A quadratic exceeds its ends by at most a quarter of bend · width².
+        let bulge = 0.25 * self.bend * width * width;
+        Span {
+            slope,
+            variation: slope.times(width),
+            jumps: self.step.jump,
+            most: Change {
+                emission: most(left).max(most(right)) + bulge + self.deviation,
+                extinction: self.extinction(left).max(self.extinction(right)),
+            },
+        }
+    }
+
     fn constant(start: f64, end: f64, (k, j): (f64, [f64; 3])) -> Self {
         Self {
             start,
@@ -236,6 +257,16 @@ pub(super) struct Span {
 }
 
 impl Span {
+    /// Of both ranges together, which meet.
+    pub(super) fn and(self, other: Self) -> Self {
+        Self {
+            slope: self.slope.max(other.slope),
+            variation: self.variation.plus(other.variation),
+            jumps: self.jumps.plus(other.jumps),
+            most: self.most.max(other.most),
+        }
+    }
+
     /// The larger of each.
     pub(super) fn max(self, other: Self) -> Self {
         Self {
@@ -272,6 +303,8 @@ pub(super) struct PieceList {
     pieces: Vec<Piece>,
     /// For each bucket the piece that holds its lower edge.
     first: Vec<u32>,
+    /// What each piece does over all of it; of the outermost, which have no end, nothing.
+    whole: SpanTree,
 }
 
 impl PieceList {
@@ -291,7 +324,11 @@ impl PieceList {
             .map(|edge| pieces.partition_point(|p| p.start <= edge).saturating_sub(1))
             .map(|index| u32::try_from(index).unwrap_or(u32::MAX))
             .collect();
-        Self { pieces, first }
+        let whole = SpanTree::new(pieces.iter().map(|piece| {
+            let has_ends = piece.start.is_finite() && piece.end.is_finite();
+            if has_ends { piece.over(piece.start, piece.end) } else { Span::default() }
+        }));
+        Self { pieces, first, whole }
     }
 
     /// Takes neighbours together where one quadratic says their emission to within what
@@ -332,25 +369,11 @@ impl PieceList {
     /// What the function does over [low, high].
     pub(super) fn over(&self, low: f64, high: f64) -> Span {
         let (first, last) = (self.find(low), self.find(high).max(self.find(low)));
-        let mut span = Span::default();
-        for (n, piece) in self.pieces[first..=last].iter().enumerate() {
-            let slope = Change { emission: piece.slope[0], extinction: piece.slope[1] };
-            let width = (high.min(piece.end) - low.max(piece.start)).max(0.0);
-            let most = |x: f64| piece.emission(x).into_iter().fold(0.0, f64::max);
-            let (left, right) = (low.max(piece.start), high.min(piece.end));
-            // A quadratic exceeds its ends by at most a quarter of bend · width².
-            let bulge = 0.25 * piece.bend * width * width;
-            span.slope = span.slope.max(slope);
-            span.variation = span.variation.plus(slope.times(width));
-            span.most = span.most.max(Change {
-                emission: most(left).max(most(right)) + bulge + piece.deviation,
-                extinction: piece.extinction(left).max(piece.extinction(right)),
-            });
-            if n > 0 {
-                span.jumps = span.jumps.plus(piece.step.jump);
-            }
+        let ends = Span { jumps: Change::default(), ..self.pieces[first].over(low, high) };
+        if first == last {
+            return ends;
         }
-        span
+        ends.and(self.whole.over(first + 1, last)).and(self.pieces[last].over(low, high))
     }
 
     /// How smooth the function is over [low, high].

@@ -277,6 +277,26 @@ impl Recipe {
         Ok(self)
     }
 
+    /// The same recipe with `scale` times as many cells along each axis, at all levels: root grid
+    /// and number of its tiles are those times `scale`, rounded.
+    ///
+    /// # Errors
+    /// A scale that is not positive, or that makes what cannot be written.
+    pub fn scaled(mut self, scale: f64) -> Result<Self> {
+        if !(scale.is_finite() && scale > 0.0) {
+            return Err(Error::request(format!("--scale {scale}: a positive number is needed")));
+        }
+        let scaled = |count: u64| (count as f64 * scale).round().max(1.0) as u64;
+        self.domain.root = self.domain.root.map(scaled);
+        self.domain.tiles = self.domain.tiles.map(scaled);
+        for centre in &mut self.refinement.centre {
+            let scaled = |cells: u32| (f64::from(cells) * scale).round().clamp(1.0, 64.0) as u32;
+            centre.half_size = centre.half_size.map(scaled);
+        }
+        self.validate()?;
+        Ok(self)
+    }
+
     /// The simulated box.
     ///
     /// # Errors

@@ -2,6 +2,7 @@
 
 mod covering_grid;
 mod covering_table;
+mod cpu;
 mod dense;
 mod depth;
 mod fixed;
@@ -13,6 +14,9 @@ mod reading;
 mod reading_data;
 mod reference;
 mod renderer;
+mod scaling;
+mod scaling_data;
+mod scaling_table;
 mod table;
 mod tolerance;
 mod viewpoints;
@@ -41,6 +45,8 @@ enum Subject {
     CoveringGrid(covering_grid::Arguments),
     /// Reading simulation outputs against plain reading of the same files: CSV
     Reading(reading::Arguments),
+    /// Ingest and pictures of data sets of growing size: CSV, and plots with -o
+    Scaling(scaling::Arguments),
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
@@ -49,6 +55,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         Subject::Depth(arguments) => depth::run(arguments),
         Subject::CoveringGrid(arguments) => covering_grid::run(arguments),
         Subject::Reading(arguments) => reading::run(arguments),
+        Subject::Scaling(arguments) => scaling::run(arguments),
     }
 }
 

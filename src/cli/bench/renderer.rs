@@ -41,6 +41,10 @@ pub(super) struct Cost {
     pub(super) load_seconds: f64,
     /// Rendering, with what is loaded meanwhile, seconds.
     pub(super) render_seconds: f64,
+    /// Of that, what marching threads waited for bricks, all threads together, seconds.
+    pub(super) wait_seconds: f64,
+    /// Threads that march.
+    pub(super) threads: usize,
     /// Tolerance as used, absolute.
     pub(super) tolerance: f64,
     /// The certified bound, absolute.
@@ -53,6 +57,8 @@ pub(super) struct Cost {
     pub(super) bytes_decompressed: u64,
     /// Bricks loaded, each counted once.
     pub(super) bricks_loaded: u64,
+    /// Loads of bricks that had been loaded before.
+    pub(super) bricks_reloaded: u64,
     /// Stretches of rays that were integrated.
     pub(super) samples: u64,
     /// Rays, over the whole picture.
@@ -143,7 +149,7 @@ impl Renderer {
 }
 
 /// The render's own words, without its "error: ".
-fn failure(stderr: &[u8], status: std::process::ExitStatus) -> Error {
+pub(super) fn failure(stderr: &[u8], status: std::process::ExitStatus) -> Error {
     let said = String::from_utf8_lossy(stderr);
     match said.lines().find_map(|line| line.strip_prefix("error: ")) {
         Some(reason) => Error::request(reason),

@@ -1,0 +1,135 @@
+//! Memory limits hold byte for byte: what ingest and render have allocated at a time stays below
+//! the limit, does not grow with the data, and the program runs where the system grants no more.
+
+// What tests share fails as a test does.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+#[path = "forge/allocator.rs"]
+mod allocator;
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Mutex;
+
+use allocator::{Counting, peak_of};
+use deepfield::cache::{Cache, Cursor};
+use deepfield::ingest::{Options, Progress, ingest};
+use deepfield::render::{RenderOptions, render};
+use deepfield::scene::Scene;
+use deepfield::{source, synth};
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Tests that count memory run one after another.
+static ALONE: Mutex<()> = Mutex::new(());
+
+const MEBIBYTE: usize = 1 << 20;
+/// The smallest limit of ingest.
+const LIMIT: usize = 64 * MEBIBYTE;
+/// What the program itself may take beyond its limit.
+const ITSELF: usize = 48 * MEBIBYTE;
+
+fn recipes() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets_synthetic")
+}
+
+/// `scaling.toml` at `scale`, in `folder`.
+fn output(scale: f64, folder: &Path) -> PathBuf {
+    let text = std::fs::read_to_string(recipes().join("scaling.toml")).unwrap();
+    let recipe = synth::Recipe::parse(&text, "scaling.toml").unwrap().scaled(scale).unwrap();
+    synth::write(&recipe, &folder.join(scale.to_string()), &mut |_, _| {}).unwrap().input
+}
+
+/// Ingests within [`LIMIT`]: the cache, and the most that was allocated at a time.
+fn ingested(output: &Path, name: &str, folder: &Path) -> (PathBuf, usize) {
+    let target = folder.join(name);
+    let source = source::open(output, None).unwrap();
+    let options = Options { memory: LIMIT as u64, threads: Some(2), ..Options::default() };
+    let mut quiet = |_, _, _| {};
+    let (outcome, peak) = peak_of(|| {
+        ingest(source.as_ref(), &target, &options, &mut Progress::new(&mut quiet)).map(drop)
+    });
+    outcome.unwrap();
+    (target, peak)
+}
+
+/// A small picture of everything, all levels.
+fn scene_text() -> String {
+    let text = std::fs::read_to_string(recipes().join("scaling-outside.toml")).unwrap();
+    let text = text.replace("width = 1920", "width = 192").replace("height = 1080", "height = 108");
+    text.replace("tolerance = \"1%\"", "tolerance = 0\ninterpolation = \"cell\"")
+}
+
+/// Renders within `limit` on two threads: the most that was allocated at a time.
+fn rendered(cache: &Path, limit: usize) -> usize {
+    let scene = Scene::parse(&scene_text(), "scaling-outside.toml").unwrap();
+    let options = RenderOptions {
+        memory: limit as u64,
+        threads: 2,
+        progress: None,
+        fixed: None,
+        resident: false,
+    };
+    let cache = Cache::open(cache, Cursor::WINDOWS).unwrap();
+    let (outcome, peak) = peak_of(|| render(&cache, &scene, &options).map(drop));
+    outcome.unwrap();
+    peak
+}
+
+#[test]
+fn what_is_allocated_stays_below_the_limit_whatever_the_size_of_the_data() {
+    let _alone = ALONE.lock().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    // 59 and 143 MB, with caches of 44 and 100 MB.
+    let peaks = [0.35, 0.5].map(|scale| {
+        let output = output(scale, folder.path());
+        let (cache, ingest) = ingested(&output, &format!("{scale}.dfc"), folder.path());
+        let bytes = std::fs::metadata(&cache).unwrap().len() as usize;
+        let render = rendered(&cache, LIMIT / 2);
+        eprintln!("scale {scale}: ingest {ingest}, render {render}, cache {bytes} bytes");
+        assert!(ingest <= LIMIT, "ingest at {scale}: {ingest}");
+        assert!(render <= LIMIT / 2, "render at {scale}: {render}");
+        assert!(bytes > LIMIT / 2, "a cache that fits the limit shows nothing: {bytes}");
+        [ingest, render]
+    });
+    for (small, large) in peaks[0].iter().zip(peaks[1]) {
+        assert!(large as f64 <= 1.15 * *small as f64, "grows with the data: {peaks:?}");
+    }
+}
+
+/// The program with no more address space than `bytes`. The system's allocator would reserve far
+/// more for each thread than it uses, so threads share one arena.
+fn confined(bytes: usize, words: &[&str]) -> std::process::Output {
+    let script = format!("ulimit -v {} || exit 99; exec \"$0\" \"$@\"", bytes / 1024);
+    let mut command = Command::new("sh");
+    command.args(["-c", &script, env!("CARGO_BIN_EXE_deepfield")]).args(words);
+    command.env("MALLOC_ARENA_MAX", "1").output().unwrap()
+}
+
+#[test]
+fn the_program_runs_where_the_system_grants_no_more_than_the_limit() {
+    let _alone = ALONE.lock().unwrap();
+    let probe = confined(LIMIT + ITSELF, &["--version"]);
+    if !cfg!(target_os = "linux") || probe.status.code() == Some(99) {
+        eprintln!("skipped: this system sets no limit of address space (`ulimit -v`)");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let output = output(0.35, folder.path());
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (cache, picture) = (path("cache.dfc"), path("picture.exr"));
+    let (output, scene) = (output.display().to_string(), path("scene.toml"));
+    std::fs::write(&scene, scene_text()).unwrap();
+    let limit = format!("--memory={LIMIT}");
+    for words in [
+        ["ingest", &output, "-o", &cache, &limit, "--threads=2"],
+        ["render", &cache, &scene, "-o", &picture, &limit],
+    ] {
+        let ended = confined(LIMIT + ITSELF, &words);
+        assert!(ended.status.success(), "{words:?}: {}", String::from_utf8_lossy(&ended.stderr));
+        // The grant is not there for show.
+        let ended = confined(ITSELF / 2, &words);
+        assert!(!ended.status.success(), "{words:?} within {} bytes", ITSELF / 2);
+    }
+}
