@@ -87,6 +87,9 @@ pub struct BrickShape {
 }
 
 impl BrickShape {
+    /// The largest edge, cells.
+    pub const MOST_CELLS: usize = 32;
+
     /// Bricks of `edge`³ cells: 8, 16 or 32.
     ///
     /// # Errors

@@ -13,8 +13,10 @@ use super::march_linear::{DualRange, kind, pass_dual_cell};
 use super::packet::{Ground, March, Packet, UNFIT};
 use super::ray_error::{Change, RayError, Sums};
 use super::ray_state::RayState;
+use super::relief::GROUP_EDGE;
 use super::scaled::{ScaledBrick, dual};
 use super::walk::{Step, clip};
+use crate::cache::BrickShape;
 
 /// What rounding of f32 may take off sums of errors.
 const ROUNDED_UP: f64 = 1.0 + 1e-5;
@@ -70,10 +72,14 @@ struct Place<'p> {
 }
 
 impl Packets {
-    /// Bytes for bricks of `edge` cells.
-    pub(super) fn bytes(edge: usize) -> u64 {
-        (8 * edge.pow(3) + 2 * MOST_LANES * size_of::<Rider>() + size_of::<Packet>()) as u64
-    }
+    /// Bytes at most: what is known of the groups and dual cells of the largest brick, in vectors
+    /// that have grown to at most twice what they hold.
+    pub(super) const BYTES: u64 = {
+        let duals = BrickShape::MOST_CELLS + 1;
+        let groups = duals.div_ceil(GROUP_EDGE);
+        let known = 3 * size_of::<u32>() * groups.pow(3) + duals.pow(3) + BYTE_PADDING;
+        (2 * known + size_of::<Packet>() + 2 * MOST_LANES * size_of::<Rider>()) as u64
+    };
 
     /// Of the widest kind that this processor has.
     pub(super) fn new() -> Self {
@@ -335,7 +341,7 @@ impl Ground<'_> {
         let [x, y, z] = cell.map(|c| c as usize);
         let duals = self.side - 1;
         let kind = self.kinds.get((z * duals + y) * duals + x).copied().unwrap_or(dual::PLAIN);
-        let [x, y, z] = [x, y, z].map(|c| c / super::relief::GROUP_EDGE);
+        let [x, y, z] = [x, y, z].map(|c| c / GROUP_EDGE);
         let group = (z * self.groups + y) * self.groups + x;
         let is_fit = |rates: &[u32]| rates.get(group).is_some_and(|rate| *rate != UNFIT);
         match kind {

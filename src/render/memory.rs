@@ -139,6 +139,9 @@ impl MemoryPlan {
     }
 }
 
+/// Pieces and tables of a transfer function, twice while a glance is taken.
+const TRANSFER_BYTES: u64 = 2 << 20;
+
 fn fixed_parts(demand: &Demand) -> Vec<(&'static str, u64)> {
     let Demand { threads, readers, .. } = *demand;
     let thread = STACK_TOUCHED.saturating_add(demand.scratch);
@@ -153,6 +156,7 @@ fn fixed_parts(demand: &Demand) -> Vec<(&'static str, u64)> {
         ("the reading threads", readers.saturating_mul(thread)),
         ("the index' checksums", demand.page_table),
         ("the counters", Counters::bytes(demand.bricks)),
+        ("the transfer function", TRANSFER_BYTES),
     ]
 }
 

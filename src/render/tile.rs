@@ -44,7 +44,8 @@ impl Tile {
             + size_of::<[DVec2; 2]>()
             + size_of::<RayState>()
             + size_of::<RayError>()
-            + 4)) as u64;
+            + 4)) as u64
+        + Packets::BYTES;
 
     /// A tile without rays.
     pub(super) fn new() -> Self {
