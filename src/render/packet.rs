@@ -613,13 +613,19 @@ fn crooked<L: Lanes, const ABSORBS: bool>(
         low[n] = l.max(low[n], l.splat(ground.kinks[0][n]));
         high[n] = l.max(l.min(high[n], l.splat(ground.kinks[1][n])), low[n]);
     }
-    let kinked = l.fma(l.sub(high[2], low[2]), width, l.sub(high[0], low[0]));
-    let kinked = l.mul(kinked, quarter);
+    // What two nodes make of a step of the slope, or of half the second derivative, in the middle
+    // of a straight line: a share of what these do over it; more as x is off the line.
+    let twice = l.add(off, off);
+    let kink_share = l.min(quarter, l.fma(width, l.splat(0.0225), twice));
+    let turn_share = l.min(quarter, l.fma(width, l.splat(0.0055), l.add(twice, twice)));
+    let turned = l.mul(l.mul(l.sub(high[2], low[2]), width), turn_share);
+    let kinked = l.fma(l.sub(high[0], low[0]), kink_share, turned);
     let mut rates = [l.fma(mean, slope, l.add(smooth, kinked)), zero, zero];
     if ABSORBS {
         let fade = l.select(near, fade, l.splat(bends.anywhere[2]));
-        rates[1] = l.fma(mean, fade, l.mul(l.sub(high[1], low[1]), quarter));
-        rates[2] = l.fma(off, fade, rates[1]);
+        let step = l.sub(high[1], low[1]);
+        rates[1] = l.fma(mean, fade, l.mul(step, kink_share));
+        rates[2] = l.fma(off, fade, l.mul(step, quarter));
     }
     rates
 }
