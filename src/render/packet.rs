@@ -209,7 +209,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
                 let part = Part::new(l, ground, (&walk.cell, exists), place);
                 let shape = (&cube, Some(&part));
                 sums.pass::<ABSORBS>(l, ground, shape, &walk, (from, way), extinction_off);
-                ahead = l.without(ahead, l.is_at_most(next, to));
+                ahead = l.and(ahead, is_less(l, to, next));
                 from = l.select(ahead, to, from);
             }
         } else {
@@ -226,8 +226,8 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
             sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, lit, way);
         }
         walk.t = l.select(active, next, walk.t);
-        active = l.without(active, l.is_at_most(walk.end, next));
-        walk.step(active, axes);
+        active = l.and(active, is_less(l, next, walk.end));
+        active = walk.step(active, axes);
     }
     sums.store(l, packet);
     walk.store(packet);
@@ -355,15 +355,20 @@ impl<L: Lanes> Walk<L> {
         (l.min(l.min(x, yz), self.end), [along_x, along_y, along_z])
     }
 
-    /// Goes on to the next cell.
+    /// Goes on to the next cell. Returns which of the active rays have one: rounding may leave a
+    /// way of no length behind the last.
     #[inline(always)]
-    fn step(&mut self, active: L::Mask, axes: [L::Mask; 3]) {
+    fn step(&mut self, active: L::Mask, axes: [L::Mask; 3]) -> L::Mask {
         let l = self.l;
+        let mut inside = active;
         for a in 0..3 {
             let next = l.add(self.cell[a], self.sign[a]);
-            let next = l.min(l.max(next, self.lo[a]), self.hi[a]);
-            self.cell[a] = l.select(l.and(active, axes[a]), next, self.cell[a]);
+            let is_in = l.and(l.is_at_most(self.lo[a], next), l.is_at_most(next, self.hi[a]));
+            let moves = l.and(active, axes[a]);
+            self.cell[a] = l.select(l.and(moves, is_in), next, self.cell[a]);
+            inside = l.without(inside, l.without(moves, is_in));
         }
+        inside
     }
 
     #[inline(always)]
@@ -469,6 +474,12 @@ impl<L: Lanes> Bend<L> {
         let cubic = l.fma(self.third, l.splat(0.05), l.mul(self.second, l.splat(0.25)));
         l.add(cubic, self.kink)
     }
+}
+
+/// Whether a < b; not where either is no number.
+#[inline(always)]
+fn is_less<L: Lanes>(l: L, a: L::Float, b: L::Float) -> L::Mask {
+    l.without(l.is_at_most(a, b), l.is_at_most(b, a))
 }
 
 /// |a − b|.

@@ -175,6 +175,22 @@ proptest! {
         setting.check(&rays, &found)?;
     }
 
+    /// Where rays end in the face of a cell, rounding decides on which side.
+    #[test]
+    fn a_domain_may_end_in_a_face_of_dual_cells(
+        rays in prop::collection::vec(rays(), 8),
+        upper in any::<bool>(),
+    ) {
+        let exact = TransferPieces::new(&smooth(), |_| 0.0);
+        let brick = surveyed(&TestData::new(rough), PLACES[2], &exact);
+        let mut setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&smooth(), 1.0));
+        let faces = if upper { [0.0, 3.5] } else { [4.5, f64::from(EDGE)] };
+        (setting.passage.region.lo, setting.passage.region.hi) = ([faces[0]; 3], [faces[1]; 3]);
+        let rays = rays.concat();
+        let found = setting.together(&rays, Width::best(), Care::Rough);
+        setting.check(&rays, &found)?;
+    }
+
     #[test]
     fn all_widths_agree(rays in rays(), place in 0..PLACES.len()) {
         let data = TestData::new(rough);
