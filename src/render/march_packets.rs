@@ -2,7 +2,6 @@
 //! they are not.
 
 use super::absorb::Integrator;
-use super::blended::{MOST_PARENTS, Parents};
 use super::frame::LocalRay;
 use super::grade::{Care, Grades, PacketTransfer};
 use super::interpolant::DrawnNeighbours;
@@ -10,7 +9,7 @@ use super::lanes::{BYTE_PADDING, MOST_LANES, Width};
 use super::ledger::Ledger;
 use super::march::{Light, Passage, Region};
 use super::march_linear::{DualRange, kind, pass_dual_cell};
-use super::packet::{Ground, March, Packet, UNFIT};
+use super::packet::{Ground, MOST_PARENTS, March, Packet, Parents, UNFIT};
 use super::ray_error::{Change, RayError, Sums};
 use super::ray_state::RayState;
 use super::relief::GROUP_EDGE;

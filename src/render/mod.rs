@@ -11,7 +11,6 @@
 mod absorb;
 mod axis;
 mod blend;
-mod blended;
 pub mod census;
 mod crossing;
 pub mod cut;

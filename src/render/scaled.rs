@@ -1,8 +1,8 @@
 //! A brick made ready to march through: mapped values, ghosts and holes filled.
 
-use super::blended::MOST_PARENTS;
 use super::fill::{Above, fill_holes, fill_outside};
 use super::lanes::BYTE_PADDING;
+use super::packet::MOST_PARENTS;
 use super::relief::{Distance, Relief};
 use super::transfer_pieces::PieceList;
 use crate::cache::{Block, BrickPlace, BrickShape, Header, RawBrick, state};

@@ -7,23 +7,25 @@
 //! one border, may bend on the way.
 #![allow(clippy::needless_range_loop)]
 
-use super::lanes::{BYTE_PADDING, Lanes};
-use super::packet::{Bend, Cube, Ground, distance};
+use super::Ground;
+use super::cube::{Bend, Cube};
+use super::rows::distance;
+use crate::render::lanes::{BYTE_PADDING, Lanes};
 
 /// Levels that a brick's own may be blended with.
-pub(super) const MOST_PARENTS: usize = 3;
+pub(in crate::render) const MOST_PARENTS: usize = 3;
 
 /// A block that a brick's level is blended with.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Parents<'g> {
+pub(in crate::render) struct Parents<'g> {
     /// Mapped values, x fastest, ghosts included; and cells along an edge.
-    pub(super) values: &'g [f32],
-    pub(super) side: usize,
+    pub(in crate::render) values: &'g [f32],
+    pub(in crate::render) side: usize,
     /// Which corners of its dual cells exist, (side − 1)³ and padding for lanes.
-    pub(super) corners: &'g [u8],
+    pub(in crate::render) corners: &'g [u8],
     /// Where the brick's lower corner lies, in its cells, and the width of the brick's in those.
-    pub(super) corner: [f32; 3],
-    pub(super) scale: f32,
+    pub(in crate::render) corner: [f32; 3],
+    pub(in crate::render) scale: f32,
 }
 
 /// Where the weight of a level bends along rays, of given directions.
@@ -313,7 +315,7 @@ fn missing_at<L: Lanes>(l: L, exists: L::Index, place: [L::Float; 3]) -> L::Inde
     l.gather_bytes(&MISSING, l.index(own))
 }
 
-/// A level's weight (as [`super::interpolant::weight`]) at `place` in a dual cell.
+/// A level's weight (as [`crate::render::interpolant::weight`]) at `place` in a dual cell.
 #[inline(always)]
 fn weight<L: Lanes>(l: L, missing: L::Index, place: [L::Float; 3]) -> L::Float {
     let (mut near, zero, one) = (place, l.splat(0.0), l.splat(1.0));

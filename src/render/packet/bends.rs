@@ -1,0 +1,70 @@
+//! What two nodes a part make of a transfer function that bends.
+#![allow(clippy::needless_range_loop)]
+
+use super::Ground;
+use super::cube::Bend;
+use super::rows::distance;
+use crate::render::lanes::Lanes;
+use crate::render::transfer_table::Bends;
+
+/// What emission and extinction are off by on average over a part along which x is `values` at the
+/// nodes and bends as `bend` says (see [`crate::render::grade`]); and what extinction is off by, at most,
+/// if taken to be linear along it.
+#[inline(always)]
+pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
+    l: L,
+    ground: &Ground<'_>,
+    [a, b]: [L::Float; 2],
+    bend: Bend<L>,
+) -> [L::Float; 3] {
+    let bends = &ground.table.bends;
+    // The line rises √3 times as far as between nodes, which are off it by `bend` each.
+    let (apart, off) = (distance(l, a, b), bend.distance(l));
+    let width = l.fma(apart, l.splat(1.733), l.mul(off, l.splat(5.5)));
+    let middle = l.mul(l.add(a, b), l.splat(0.5));
+    let half = l.fma(width, l.splat(0.5), off);
+    let (zero, one) = (l.splat(0.0), l.splat(1.0));
+    let place = l.fma(middle, l.splat(Bends::BEND_SCALE), l.splat(Bends::BEND_OFFSET));
+    let place = l.min(l.max(place, zero), l.splat(Bends::BEND_LAST));
+    let near = l.is_at_most(l.mul(half, l.splat(Bends::BEND_SCALE)), one);
+    let place = l.index(place);
+    let [curved, slope, fade, _] = l.gather_row(&bends.near, place);
+    let curved = l.select(near, curved, l.splat(bends.anywhere[0]));
+    let slope = l.select(near, slope, l.splat(bends.anywhere[1]));
+    // Where x is no cubic nodes are off its mean by as much as it is off the line, and back.
+    let mean = l.mul(bend.kink, l.splat(2.0));
+    let odd = l.mul(bend.third, l.fma(bend.third, l.splat(0.0011), l.mul(width, l.splat(0.0112))));
+    let even = l.fma(l.mul(bend.second, bend.second), l.splat(0.0056), odd);
+    let smooth = l.mul(curved, l.fma(mean, l.add(width, bend.kink), even));
+    let low = kink_place(l, l.sub(middle, half), 0.0);
+    let high = kink_place(l, l.add(middle, half), 1.0);
+    let quarter = l.mul(width, l.splat(0.25));
+    let (mut low, mut high) = (l.gather_row(&bends.kinks, low), l.gather_row(&bends.kinks, high));
+    for n in 0..3 {
+        low[n] = l.max(low[n], l.splat(ground.kinks[0][n]));
+        high[n] = l.max(l.min(high[n], l.splat(ground.kinks[1][n])), low[n]);
+    }
+    // What two nodes make of a step of the slope, or of half the second derivative, in the middle
+    // of a straight line: a share of what these do over it; more as x is off the line.
+    let twice = l.add(off, off);
+    let kink_share = l.min(quarter, l.fma(width, l.splat(0.0225), twice));
+    let turn_share = l.min(quarter, l.fma(width, l.splat(0.0055), l.add(twice, twice)));
+    let turned = l.mul(l.mul(l.sub(high[2], low[2]), width), turn_share);
+    let kinked = l.fma(l.sub(high[0], low[0]), kink_share, turned);
+    let mut rates = [l.fma(mean, slope, l.add(smooth, kinked)), zero, zero];
+    if ABSORBS {
+        let fade = l.select(near, fade, l.splat(bends.anywhere[2]));
+        let step = l.sub(high[1], low[1]);
+        rates[1] = l.fma(mean, fade, l.mul(step, kink_share));
+        rates[2] = l.fma(off, fade, l.mul(step, quarter));
+    }
+    rates
+}
+
+/// Where x is among the sums of kinks, or what comes `after` it.
+#[inline(always)]
+fn kink_place<L: Lanes>(l: L, x: L::Float, after: f32) -> L::Index {
+    let place = l.fma(x, l.splat(Bends::KINK_SCALE), l.splat(Bends::KINK_OFFSET));
+    let place = l.min(l.max(place, l.splat(0.0)), l.splat(Bends::KINK_LAST));
+    l.index(l.add(place, l.splat(after)))
+}

@@ -1,0 +1,258 @@
+//! The march of several rays at once through one brick, in f32.
+//!
+//! Each ray walks from dual cell to dual cell. Within one, the interpolant at two Gauss–Legendre
+//! nodes of each of a few equal parts gives emission and extinction by table; the optical depth
+//! up to a node is that of extinction linear between the nodes. A cell beside a border of levels
+//! is cut where the weight of its level bends ([`blended`]). What that may be off by is graded
+//! per group of cells ([`crate::render::grade`]); rays stop before cells that are not fit for it. All
+//! numbers are the brick's own, near 1: lengths in cells, light relative to the transfer
+//! function's largest.
+//!
+//! No closures here, nor what takes them: they are functions of their own, compiled without the
+//! lanes' instructions.
+#![allow(clippy::needless_range_loop)]
+
+mod bends;
+mod blended;
+mod cube;
+mod rows;
+mod sums;
+mod walk;
+
+pub(super) use self::blended::{MOST_PARENTS, Parents};
+
+use self::blended::{Bends, Part, is_crooked};
+use self::cube::Cube;
+use self::rows::is_less;
+use self::sums::Sums;
+use self::walk::Walk;
+use super::lanes::{Kernel, Lanes, MOST_LANES, Row};
+use super::scaled::dual;
+use super::transfer_table::TransferTable;
+
+/// The rate of a group that packets leave to the march of single rays.
+pub(super) const UNFIT: u32 = u32::MAX;
+
+/// What packets see of a brick.
+pub(super) struct Ground<'g> {
+    /// Mapped values of the brick's block, x fastest, ghosts included, and cells along its edge.
+    pub(super) values: &'g [f32],
+    pub(super) side: usize,
+    /// What [`dual`] kind each dual cell is, (side − 1)³ and padding for lanes; empty where all
+    /// are plain.
+    pub(super) kinds: &'g [u8],
+    /// Which corners of each dual cell exist, likewise.
+    pub(super) corners: &'g [u8],
+    /// The blocks that the level is blended with, the first ones.
+    pub(super) parents: [Parents<'g>; MOST_PARENTS],
+    pub(super) parent_count: usize,
+    /// Lowest and highest dual cell that is drawn.
+    pub(super) lo: [f32; 3],
+    pub(super) hi: [f32; 3],
+    /// For each group of cells what emission (upper half of the bits, relative to the table's) and
+    /// extinction (lower half) may be off by; [`UNFIT`] where that is too much.
+    pub(super) rates: &'g [u32],
+    /// The same in cells beside borders of levels.
+    pub(super) blended_rates: &'g [u32],
+    /// The same of what lies beneath the brick; empty where nothing does.
+    pub(super) levels: &'g [u32],
+    /// Groups along an edge.
+    pub(super) groups: usize,
+    pub(super) table: &'g TransferTable,
+    /// Sums of the table's kinks at the brick's smallest and largest value.
+    pub(super) kinks: [[f32; 4]; 2],
+    /// Parts that the way through a cell is cut into.
+    pub(super) parts: u32,
+}
+
+/// Rays in a brick: where they are, and what they gather.
+#[derive(Debug, Clone)]
+pub(super) struct Packet {
+    /// Where each ray enters, in dual cells from the brick's lowest, and its direction per unit
+    /// of t, in which no component is above 1.
+    pub(super) origin: [Row; 3],
+    pub(super) direction: [Row; 3],
+    /// Largest extinction · code length per unit of t.
+    pub(super) thickness: Row,
+    /// t reached, and t where the ray leaves.
+    pub(super) t: Row,
+    pub(super) end: Row,
+    /// The dual cell reached.
+    pub(super) cell: [Row; 3],
+    /// Which lanes are still on their way; the others are left alone.
+    pub(super) active: u32,
+    /// Emission gathered, relative to the table's and per unit of t.
+    pub(super) light: [Row; 3],
+    /// Optical depth passed.
+    pub(super) depth: Row,
+    /// ∫ T dt, and what is off as [`crate::render::ray_error::Sums`] have it, per unit of t: by the
+    /// march, and by levels.
+    pub(super) lit: Row,
+    pub(super) off: [Row; 3],
+    pub(super) levels: [Row; 3],
+    /// Cells passed by all.
+    pub(super) count: u64,
+}
+
+impl Packet {
+    pub(super) fn new() -> Self {
+        Self {
+            origin: [Row::ZERO; 3],
+            direction: [Row::ZERO; 3],
+            thickness: Row::ZERO,
+            t: Row::ZERO,
+            end: Row::ZERO,
+            cell: [Row::ZERO; 3],
+            active: 0,
+            light: [Row::ZERO; 3],
+            depth: Row::ZERO,
+            lit: Row::ZERO,
+            off: [Row::ZERO; 3],
+            levels: [Row::ZERO; 3],
+            count: 0,
+        }
+    }
+
+    /// The dual cell that a lane has reached.
+    pub(super) fn cell(&self, lane: usize) -> [i32; 3] {
+        let [x, y, z] = &self.cell;
+        [x, y, z].map(|row| row.0[lane % MOST_LANES] as i32)
+    }
+
+    /// Sets the sums to nothing.
+    pub(super) fn clear_sums(&mut self) {
+        self.light = [Row::ZERO; 3];
+        self.depth = Row::ZERO;
+        self.lit = Row::ZERO;
+        self.off = [Row::ZERO; 3];
+        self.levels = [Row::ZERO; 3];
+    }
+
+    /// A lane's sums are nothing again.
+    pub(super) fn clear_lane(&mut self, lane: usize) {
+        let sums = self.light.iter_mut().chain(&mut self.off).chain(&mut self.levels);
+        for row in sums.chain([&mut self.depth, &mut self.lit]) {
+            row.0[lane % MOST_LANES] = 0.0;
+        }
+    }
+}
+
+/// The march of a packet until each active ray has left the brick, which are then active no more,
+/// or has come to a cell that is not fit.
+pub(super) struct March<'m> {
+    pub(super) ground: &'m Ground<'m>,
+    pub(super) packet: &'m mut Packet,
+    /// Whether it goes through cells beside borders of levels, and not through plain ones.
+    pub(super) blended: bool,
+}
+
+impl Kernel for March<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let absorbs = self.ground.table.extinction > 0.0;
+        match (absorbs, self.blended) {
+            (true, true) => march::<L, true, true>(lanes, self.ground, self.packet),
+            (true, false) => march::<L, true, false>(lanes, self.ground, self.packet),
+            (false, true) => march::<L, false, true>(lanes, self.ground, self.packet),
+            (false, false) => march::<L, false, false>(lanes, self.ground, self.packet),
+        }
+    }
+}
+
+#[inline(always)]
+fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
+    l: L,
+    ground: &Ground<'_>,
+    packet: &mut Packet,
+) {
+    let mut walk = Walk::new(l, ground, packet);
+    let bends = Bends::new(l, walk.direction);
+    let rates = if BLENDED { ground.blended_rates } else { ground.rates };
+    let mut sums = Sums::load(l, packet);
+    let mut active = l.mask(packet.active);
+    let mut stopped = l.mask(0);
+    let mut count = 0;
+    let side = l.splat(ground.side as f32);
+    let zero = l.splat(0.0);
+    loop {
+        let group = walk.group(ground.groups);
+        let bits = l.gather_bits(rates, group);
+        let mut unfit = l.is_index(bits, UNFIT);
+        let duals = walk.index(l.splat((ground.side - 1) as f32));
+        if !ground.kinds.is_empty() {
+            let kind = l.gather_bytes(ground.kinds, duals);
+            let expected = if BLENDED { dual::BLENDED } else { dual::PLAIN };
+            let fit = l.without(l.is_index(kind, u32::from(expected)), unfit);
+            unfit = l.without(l.mask(!0), fit);
+        }
+        stopped = l.mask(l.bits(stopped) | l.bits(l.and(active, unfit)));
+        active = l.without(active, unfit);
+        if l.bits(active) == 0 {
+            break;
+        }
+        count += u64::from(l.bits(active).count_ones());
+        let cube = Cube::new(l, (ground.values, ground.side), walk.index(side));
+        let (next, axes) = walk.exit();
+        let way = l.select(active, l.sub(next, walk.t), zero);
+        let way = l.max(way, zero);
+        // The rates of lanes that are not active may be no numbers.
+        let emission_off = l.select(active, l.upper_half(bits), zero);
+        let extinction_off = l.select(active, l.lower_half(bits), zero);
+        let before = sums.lit;
+        if BLENDED {
+            let mut from = walk.t;
+            let inside = walk.within();
+            let exists = l.gather_bytes(ground.corners, duals);
+            let crooked = l.and(active, is_crooked(l, exists));
+            let mut ahead = active;
+            while l.bits(ahead) != 0 {
+                let to = bends.next(l, inside, [from, next], crooked);
+                let way = l.max(l.select(ahead, l.sub(to, from), zero), zero);
+                let middle = l.fma(way, l.splat(0.5), from);
+                let place = walk.place(inside, middle);
+                let part = Part::new(l, ground, (&walk.cell, exists), place);
+                let shape = (&cube, Some(&part));
+                sums.pass::<ABSORBS>(l, ground, shape, &walk, (from, way), extinction_off);
+                ahead = l.and(ahead, is_less(l, to, next));
+                from = l.select(ahead, to, from);
+            }
+        } else {
+            let shape = (&cube, None);
+            sums.pass::<ABSORBS>(l, ground, shape, &walk, (walk.t, way), extinction_off);
+        }
+        let lit = l.sub(sums.lit, before);
+        sums.off = add_off::<L, ABSORBS>(l, sums.off, [emission_off, extinction_off], lit, way);
+        if !ground.levels.is_empty() {
+            let bits = l.gather_bits(ground.levels, group);
+            let emission_off = l.select(active, l.upper_half(bits), zero);
+            let extinction_off = l.select(active, l.lower_half(bits), zero);
+            let rates = [emission_off, extinction_off];
+            sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, lit, way);
+        }
+        walk.t = l.select(active, next, walk.t);
+        active = l.and(active, is_less(l, next, walk.end));
+        active = walk.step(active, axes);
+    }
+    sums.store(l, packet);
+    walk.store(packet);
+    packet.active = l.bits(stopped);
+    packet.count += count;
+}
+
+/// Adds what is off over `way`, of which `lit` is seen.
+#[inline(always)]
+fn add_off<L: Lanes, const ABSORBS: bool>(
+    l: L,
+    [emission, dimmed, extinction]: [L::Float; 3],
+    rates: [L::Float; 2],
+    lit: L::Float,
+    way: L::Float,
+) -> [L::Float; 3] {
+    let emission = l.fma(rates[0], lit, emission);
+    if !ABSORBS {
+        return [emission, dimmed, extinction];
+    }
+    [emission, l.fma(rates[1], lit, dimmed), l.fma(rates[1], way, extinction)]
+}

@@ -1,0 +1,29 @@
+//! Small things that lanes do with several numbers.
+#![allow(clippy::needless_range_loop)]
+
+use crate::render::lanes::{Lanes, Row};
+
+#[inline(always)]
+pub(super) fn load<L: Lanes>(l: L, rows: &[Row; 3]) -> [L::Float; 3] {
+    [l.load(&rows[0]), l.load(&rows[1]), l.load(&rows[2])]
+}
+
+#[inline(always)]
+pub(super) fn store<L: Lanes>(l: L, values: &[L::Float; 3], rows: &mut [Row; 3]) {
+    for a in 0..3 {
+        l.store(values[a], &mut rows[a]);
+    }
+}
+
+/// Whether a < b; not where either is no number.
+#[inline(always)]
+pub(super) fn is_less<L: Lanes>(l: L, a: L::Float, b: L::Float) -> L::Mask {
+    l.without(l.is_at_most(a, b), l.is_at_most(b, a))
+}
+
+/// |a − b|.
+#[inline(always)]
+pub(super) fn distance<L: Lanes>(l: L, a: L::Float, b: L::Float) -> L::Float {
+    let difference = l.sub(a, b);
+    l.max(difference, l.sub(b, a))
+}
