@@ -132,6 +132,8 @@ fn depths_are_compared_with_the_first() {
         assert_eq!(number(row, "deepest_level"), 4.0);
         assert_eq!(row["bytes_read"], rows[0]["bytes_read"]);
     }
+    let more = table(&bench(&[&"depth", &scene, &cache, &"--samples=2", &"--repeat=1"]).done());
+    assert!(number(&more[0], "rays") >= 3.5 * number(&rows[0], "rays"));
 }
 
 /// The scene of [`cache_and_scene`], which has the values that map to 0 and 1, with more lines.

@@ -1,10 +1,11 @@
 //! Emission and absorption where the mapped value is a polynomial along the ray.
 
 use super::crossing::{Crossing, is_clean};
+use super::piece::Piece;
 use super::polynomial::Polynomial;
 use super::ray_error::{Change, Sums};
 use super::ray_state::{Ending, RayState, SERIES_DEPTH, mean_series};
-use super::transfer_pieces::{Piece, PieceList};
+use super::transfer_pieces::PieceList;
 
 /// A stretch is halved this often at most in search of the transfer function's bends; what is
 /// left then is 2⁻²⁰ of it, and an extremum at most.

@@ -10,9 +10,9 @@
 //! near S: L_b lies as near as S varies until e^−τ is left of anything else. So a surface that
 //! moves within what lies before it is seen changes the picture by little, however steep it is.
 
+use super::piece::{Piece, Step};
 use super::polynomial::Polynomial;
 use super::ray_error::Sums;
-use super::transfer_pieces::{Piece, Step};
 
 /// Optical depth behind which nothing is seen.
 const OPAQUE: f64 = 40.0;

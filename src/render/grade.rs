@@ -18,7 +18,8 @@
 use super::packet::UNFIT;
 use super::ray_error::Change;
 use super::relief::{Group, Relief};
-use super::transfer_pieces::{Smoothness, TransferPieces};
+use super::span::Smoothness;
+use super::transfer_pieces::TransferPieces;
 use super::transfer_table::{TransferTable, two_halves};
 
 /// How rays are marched.

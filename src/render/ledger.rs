@@ -3,7 +3,7 @@
 use super::absorb::{Integrator, Tally};
 use super::ray_error::{Change, RayError, Sums};
 use super::relief::{Group, Relief};
-use super::transfer_pieces::Span;
+use super::span::Span;
 
 /// Keeps a ray's account while it passes through a brick.
 ///

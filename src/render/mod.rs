@@ -36,6 +36,7 @@ mod packet;
 #[cfg(test)]
 mod packet_tests;
 mod picture;
+mod piece;
 mod polynomial;
 mod preload;
 mod probe;
@@ -48,6 +49,7 @@ pub mod scaled;
 #[cfg(test)]
 mod scaled_tests;
 pub mod shading;
+mod span;
 mod span_tree;
 pub mod stats;
 #[cfg(test)]

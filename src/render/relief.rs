@@ -4,7 +4,8 @@
 
 use super::ray_error::Change;
 use super::scaled::{ScaledBlock, ScaledBrick, dual};
-use super::transfer_pieces::{PieceList, Span};
+use super::span::Span;
+use super::transfer_pieces::PieceList;
 use crate::scene::Rounding;
 
 /// Dual cells (with `cell`: cells) along a group's edge.

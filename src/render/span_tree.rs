@@ -1,6 +1,6 @@
 //! What runs of neighbouring pieces do together, found in the logarithm of their number.
 
-use super::transfer_pieces::Span;
+use super::span::Span;
 
 /// Spans in a row, and those of pairs of them, of pairs of pairs and so on: node n joins nodes 2n
 /// and 2n + 1, and leaves are the last half.

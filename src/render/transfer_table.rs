@@ -1,6 +1,8 @@
 //! The transfer function as a table of straight lines: what packets of rays look up.
 
-use super::transfer_pieces::{Piece, PieceList, Smoothness};
+use super::piece::Piece;
+use super::span::Smoothness;
+use super::transfer_pieces::PieceList;
 
 /// Lines over [0, 1]; one more for what lies beyond.
 const LINES: usize = 4096;

@@ -21,14 +21,18 @@ pub(super) struct Arguments {
     /// Largest error: a number, or `p%` of the picture's largest value
     #[arg(long, value_name = "T", default_value = "1%")]
     tolerance: String,
+    /// Rays a pixel, n for n×n, or `area` (default: the scene's)
+    #[arg(long, value_name = "N")]
+    samples: Option<String>,
     #[command(flatten)]
     limits: Limits,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    let Arguments { scene, caches, tolerance, limits } = arguments;
+    let Arguments { scene, caches, tolerance, samples, limits } = arguments;
     let renderer = Renderer::new(limits)?;
-    let options = ["--tolerance".to_owned(), tolerance.clone()];
+    let mut options = vec!["--tolerance".to_owned(), tolerance.clone()];
+    options.extend(samples.iter().map(|samples| format!("--samples={samples}")));
     let render = |cache: &PathBuf| renderer.render(cache, scene, &options);
     let mut costs = caches.iter().map(render).collect::<Result<Vec<_>>>()?;
     let bar = Bar::new("again", "rounds");

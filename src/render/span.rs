@@ -1,0 +1,57 @@
+//! What the transfer function does over a range of x.
+
+use super::ray_error::Change;
+
+/// What the transfer function does over a range of x.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Span {
+    /// Steepest slopes.
+    pub(super) slope: Change,
+    /// Sum of changes but for steps, upward and downward ones all positive.
+    pub(super) variation: Change,
+    /// Sum of steps.
+    pub(super) jumps: Change,
+    /// Largest emission of any channel, and largest extinction.
+    pub(super) most: Change,
+}
+
+impl Span {
+    /// Of both ranges together, which meet.
+    pub(super) fn and(self, other: Self) -> Self {
+        Self {
+            slope: self.slope.max(other.slope),
+            variation: self.variation.plus(other.variation),
+            jumps: self.jumps.plus(other.jumps),
+            most: self.most.max(other.most),
+        }
+    }
+
+    /// The larger of each.
+    pub(super) fn max(self, other: Self) -> Self {
+        Self {
+            slope: self.slope.max(other.slope),
+            variation: self.variation.max(other.variation),
+            jumps: self.jumps.max(other.jumps),
+            most: self.most.max(other.most),
+        }
+    }
+}
+
+/// How far the transfer function is from linear over a range of x.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Smoothness {
+    /// Whether it steps.
+    pub(super) steps: bool,
+    /// Steepest slopes.
+    pub(super) slope: Change,
+    /// Sum of steps of the slopes.
+    pub(super) kink: Change,
+    /// Largest half second derivative of the emission.
+    pub(super) bend: f64,
+    /// Largest difference of emission to what the pieces say.
+    pub(super) deviation: f64,
+    /// Largest emission of any channel, and largest extinction.
+    pub(super) most: Change,
+    /// Least extinction.
+    pub(super) least_extinction: f64,
+}
