@@ -9,7 +9,9 @@
 //! c·(a·o/90 + e²/180 + 0.0011·o²). Of a step anywhere along a straight line two nodes are off by
 //! at most 0.0225·w·K + 0.0055·w²·C (found by trying all places); where x is within ε of that line,
 //! by at most 2ε·K + 4ε·w·C more; and never by more than its distance from the chord over w,
-//! w·K/4 + w²·C/4. So much is added, and 2d. What depends on c and K a packet works out by
+//! w·K/4 + w²·C/4. So much is added, and 2d. Where light is absorbed over the part, by a depth τ at
+//! most, what cancels does so to τ: τ·(w·K/4 + w²·C/4 + 0.0112·c·w·e) is added, and for what is
+//! linear in x, times the slope, τ·(o/180 + τ·e/360). What depends on c and K a packet works out by
 //! itself, from values that it meets; the rest is worked out here. The table's own deviation comes
 //! to that, and what rounding to f32 does to x. In front of a node, the optical depth is off where extinction
 //! is not linear between nodes; and emission times transmittance is no polynomial: a fourth

@@ -9,13 +9,14 @@ use crate::render::transfer_table::Bends;
 
 /// What emission and extinction are off by on average over a part along which x is `values` at the
 /// nodes and bends as `bend` says (see [`crate::render::grade`]); and what extinction is off by, at most,
-/// if taken to be linear along it.
+/// if taken to be linear along it. `depths`: the part's optical depth, and that of the table's
+/// largest extinction.
 #[inline(always)]
 pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     l: L,
     ground: &Ground<'_>,
-    [a, b]: [L::Float; 2],
-    bend: Bend<L>,
+    ([a, b], bend): ([L::Float; 2], Bend<L>),
+    [depth, thickness]: [L::Float; 2],
 ) -> [L::Float; 3] {
     let bends = &ground.table.bends;
     // The line rises √3 times as far as between nodes, which are off it by `bend` each.
@@ -51,14 +52,26 @@ pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     let turn_share = l.min(quarter, l.fma(width, l.splat(0.0055), l.add(twice, twice)));
     let turned = l.mul(l.mul(l.sub(high[2], low[2]), width), turn_share);
     let kinked = l.fma(l.sub(high[0], low[0]), kink_share, turned);
-    let mut rates = [l.fma(mean, slope, l.add(smooth, kinked)), zero, zero];
-    if ABSORBS {
-        let fade = l.select(near, fade, l.splat(bends.anywhere[2]));
-        let step = l.sub(high[1], low[1]);
-        rates[1] = l.fma(mean, fade, l.mul(step, kink_share));
-        rates[2] = l.fma(off, fade, l.mul(step, quarter));
+    let unseen = l.fma(mean, slope, l.add(smooth, kinked));
+    if !ABSORBS {
+        return [unseen, zero, zero];
     }
-    rates
+    let fade = l.select(near, fade, l.splat(bends.anywhere[2]));
+    let step = l.sub(high[1], low[1]);
+    let mean = l.fma(mean, fade, l.mul(step, kink_share));
+    let most = l.fma(off, fade, l.mul(step, quarter));
+    // Extinction that is linear, and not negative, is at most 2.74 times its mean at the nodes.
+    // What cancels between the part's ends, or with what is linear, does so no better than the
+    // transmittance is the same there; which leaves of a cubic x itself a share by nodes.
+    let depth = l.fma(thickness, most, l.mul(depth, l.splat(2.74)));
+    let steps = l.fma(l.sub(high[2], low[2]), width, l.sub(high[0], low[0]));
+    let bent = l.mul(l.mul(curved, width), l.mul(bend.second, l.splat(0.0112)));
+    let cubic =
+        l.fma(l.mul(depth, bend.second), l.splat(0.0028), l.mul(bend.third, l.splat(0.0056)));
+    let coupled = l.fma(slope, cubic, l.fma(steps, quarter, bent));
+    let seen = l.fma(depth, coupled, unseen);
+    // Seen from the part's near end, not on average.
+    [l.fma(depth, seen, seen), mean, most]
 }
 
 /// Where x is among the sums of kinks, or what comes `after` it.

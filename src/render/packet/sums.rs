@@ -79,7 +79,7 @@ impl<L: Lanes> Sums<L> {
                 values[n] = x;
             }
             let [a, b] = shades;
-            let mut weights = [half; 2];
+            let (mut weights, mut depths) = ([half; 2], [l.splat(0.0); 2]);
             if ABSORBS {
                 let mean = l.mul(thickness, l.mul(l.add(a[3], b[3]), l.splat(0.5)));
                 let bend = l.mul(l.mul(thickness, l.sub(b[3], a[3])), l.splat(SLOPE_DEPTH));
@@ -88,6 +88,7 @@ impl<L: Lanes> Sums<L> {
                     weights[n] = l.mul(half, through(l, depth));
                 }
                 self.depth = l.add(self.depth, mean);
+                depths = [mean, thickness];
             }
             let mut brightest = l.splat(0.0);
             for c in 0..3 {
@@ -101,7 +102,8 @@ impl<L: Lanes> Sums<L> {
                 Some(part) => part.bend(l, bend, share, &blends),
                 None => bend.along(l, share),
             };
-            let [emission, extinction, crooked] = crooked::<L, ABSORBS>(l, ground, values, bend);
+            let [emission, extinction, crooked] =
+                crooked::<L, ABSORBS>(l, ground, (values, bend), depths);
             self.off[0] = l.fma(emission, lit, self.off[0]);
             if ABSORBS {
                 self.off[1] = l.fma(extinction, lit, self.off[1]);
