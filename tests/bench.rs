@@ -60,7 +60,10 @@ fn the_exact_picture_has_no_error_and_looser_ones_cost_less() {
         // well: where each has eight children, an eighth more, and more where trees are ragged.
         let most = 1.3 * number(exact, "bytes_read");
         assert!(bytes <= most, "{tolerance}: {bytes} of {most}");
-        let most = number(exact, "samples") * if tolerance > 0.0 { 0.7 } else { 1.0 };
+        // Packets take one or four samples a stretch, cheaper ones than the exact march does, and
+        // rays that these leave too uncertain are marched again.
+        let share = if tolerance > 0.01 { 0.7 } else { 1.5 };
+        let most = number(exact, "samples") * share;
         assert!(samples <= most, "{tolerance}: {samples} of {most}");
         assert!(number(row, "error_relative") <= 1.0);
         assert!(number(row, "peak_rss_bytes") > 1e6);
@@ -175,11 +178,11 @@ fn grids_are_compared_where_the_memory_has_room_from_two_cameras() {
     let (folder, cache, _) = cache_and_scene("1");
     let plots = folder.path().join("plots");
     let words: [&dyn AsRef<OsStr>; 6] =
-        [&"covering-grid", &cache, &"--memory=64MiB", &"--repeat=2", &"-o", &plots];
+        [&"covering-grid", &cache, &"--memory=112MiB", &"--repeat=2", &"-o", &plots];
     let csv = bench(&words).done();
     let rows = table(&csv);
     let data: Vec<_> = rows.iter().map(|row| (&row["data"][..], &row["level"][..])).collect();
-    // Level 3 has 2.6 million cells: at some 23 bytes a cell the grid takes 59 MB.
+    // Level 3 has 2.6 million cells: at some 32 bytes a cell the grid takes 82 MB.
     let each = [("cache", "4"), ("grid", "0"), ("grid", "1"), ("grid", "2"), ("grid", "3")];
     assert_eq!(data, [each, each].concat());
     for (half, name) in rows.chunks(5).zip(["outside", "inside"]) {

@@ -154,7 +154,7 @@ fn a_full_disk_is_told_and_left_empty() {
     let cache = folder.path().join("cache.dfc");
     run(&[&"ingest", &source, &"-o", &cache]).done();
     let scene = written(folder.path(), "scene.toml", SCENE);
-    for kibibytes in [64, 256, 1024] {
+    for kibibytes in [64, 256, 448] {
         let Some(disk) = SmallDisk::new(&folder.path().join("disk"), kibibytes) else {
             return eprintln!("skipped: no small file system can be mounted");
         };
