@@ -251,6 +251,7 @@ impl Lanes for Avx2 {
     // Loads and shuffles: gathers take this kind of processor several times as long.
     #[inline(always)]
     fn gather_pair(self, table: &[f32], index: __m256i, offset: usize) -> [__m256; 2] {
+        assert!(table.len() > 1, "gathering pairs from a table without any");
         let last = last(table);
         // SAFETY: `self` proves the features; a pair begins at least two before the table's end.
         unsafe {
