@@ -56,6 +56,8 @@ const DEEPEST: f64 = 1.0;
 const PLACE_ROUNDING: f64 = 4e-6;
 const VALUE_ROUNDING: f64 = 3e-7;
 const LIGHT_ROUNDING: f64 = 4e-6;
+/// What is lost below the smallest f32, of values relative to the table's.
+const UNDERFLOW: f64 = f32::MIN_POSITIVE as f64;
 /// Groups are fit that are off by no more than this many times as much as all might be.
 const FITTING: f64 = 4.0;
 /// What is little against emission and extinction.
@@ -184,11 +186,15 @@ impl Grader<'_> {
             + 12.0 * bend * width * width * (depth * depth + leaning);
         [
             table[0]
+                + UNDERFLOW * self.transfer.table.emission
                 + 2.0 * deviation
                 + most.emission * LIGHT_ROUNDING
                 + fourth / 4320.0
                 + slope.emission * (rounded + quartic),
-            table[1] + most.extinction * LIGHT_ROUNDING + slope.extinction * (rounded + quartic),
+            table[1]
+                + UNDERFLOW * self.transfer.table.extinction
+                + most.extinction * LIGHT_ROUNDING
+                + slope.extinction * (rounded + quartic),
         ]
     }
 }

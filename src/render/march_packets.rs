@@ -17,6 +17,8 @@ use super::scaled::{ScaledBrick, dual};
 use super::walk::{Step, clip};
 use crate::cache::BrickShape;
 
+/// A cell of the transfer function's largest extinction with a depth beyond this is none for f32.
+const THICKEST: f64 = 1e30;
 /// What rounding of f32 may take off sums of errors.
 const ROUNDED_UP: f64 = 1.0 + 1e-5;
 
@@ -114,6 +116,7 @@ impl Packets {
             || brick.is_piecewise_constant()
             || brick.relief.is_empty()
             || brick.narrow[0].values.is_empty()
+            || transfer.table.extinction * diagonal > THICKEST
         {
             return false;
         }

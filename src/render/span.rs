@@ -44,8 +44,6 @@ pub(super) struct Smoothness {
     pub(super) steps: bool,
     /// Steepest slopes.
     pub(super) slope: Change,
-    /// Sum of steps of the slopes.
-    pub(super) kink: Change,
     /// Largest half second derivative of the emission.
     pub(super) bend: f64,
     /// Largest difference of emission to what the pieces say.

@@ -103,15 +103,12 @@ impl PieceList {
             ..Smoothness::default()
         };
         let (first, last) = (self.find(low), self.find(high).max(self.find(low)));
-        for (n, piece) in self.pieces[first..=last].iter().enumerate() {
+        for piece in &self.pieces[first..=last] {
             let ends = [low.max(piece.start), high.min(piece.end)];
             let least = piece.extinction(ends[0]).min(piece.extinction(ends[1]));
             smoothness.least_extinction = smoothness.least_extinction.min(least);
             smoothness.bend = smoothness.bend.max(piece.bend);
             smoothness.deviation = smoothness.deviation.max(piece.deviation);
-            if n > 0 {
-                smoothness.kink = smoothness.kink.plus(piece.step.kink);
-            }
         }
         smoothness
     }
