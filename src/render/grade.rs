@@ -1,7 +1,7 @@
 //! What the march of packets may be off by in each group of a brick's cells, and which groups are
 //! fit for it at all.
 //!
-//! A way through a cell is cut into m equal parts. About the middle of one x is a cubic,
+//! A way through a cell is cut into equal parts. About the middle of one x is a cubic,
 //! m + aσ + e·(σ² − ¼) + o·(σ³ − σ/4) for σ from −½ to ½, and covers a range of at most w ≥ |a|.
 //! Two nodes integrate exactly what is linear in x. Let the emission be a quadratic of half second
 //! derivative c, but for steps K of its slope and C of c, and a deviation d. Of c·x² what is odd
@@ -11,13 +11,16 @@
 //! by at most 2ε·K + 4ε·w·C more; and never by more than its distance from the chord over w,
 //! w·K/4 + w²·C/4. So much is added, and 2d. Where light is absorbed over the part, by a depth τ at
 //! most, what cancels does so to τ: τ·(w·K/4 + w²·C/4 + 0.0112·c·w·e) is added, and for what is
-//! linear in x, times the slope, τ·(o/180 + τ·e/360). What depends on c and K a packet works out by
-//! itself, from values that it meets; the rest is worked out here. The table's own deviation comes
-//! to that, and what rounding to f32 does to x. In front of a node, the optical depth is off where extinction
-//! is not linear between nodes; and emission times transmittance is no polynomial: a fourth
-//! derivative f⁗ makes f⁗/4320.
+//! linear in x, times the slope, τ·(o/180 + τ·e/360). Where weights of levels make a fourth power
+//! of x, its coefficient's 180th times the slope is. In front of a node, the optical depth is off
+//! where extinction is not linear between nodes; and emission times transmittance is no
+//! polynomial: a fourth derivative f⁗ makes f⁗/4320.
+//!
+//! All that a packet works out by itself, from values that it meets (`render/packet/bends.rs`),
+//! and cuts a way into parts until it is little. What it cannot change is worked out here: the
+//! table's own deviation, and what rounding to f32 does to x and to light.
 
-use super::packet::UNFIT;
+use super::packet::{DEEPEST, UNFIT};
 use super::ray_error::Change;
 use super::relief::{Group, Relief};
 use super::span::Smoothness;
@@ -29,7 +32,7 @@ use super::transfer_table::{TransferTable, two_halves};
 pub(super) enum Care {
     /// In packets.
     Rough,
-    /// In packets, with the way through a cell cut into parts.
+    /// In packets that allow a cell less.
     Fine,
     /// One by one.
     Exact,
@@ -44,14 +47,17 @@ impl Care {
         }
     }
 
-    /// Parts that the way through a cell is cut into.
-    fn parts(self) -> u32 {
-        if self == Self::Rough { 1 } else { 4 }
+    /// Parts that the way through a cell is cut into, at most.
+    pub(super) fn parts(self) -> u32 {
+        if self == Self::Rough { 16 } else { 64 }
+    }
+
+    /// What a single cell may be off by, as a part of what a ray may be.
+    pub(super) fn share_of_cell(self) -> f64 {
+        if self == Self::Rough { 1.0 / 128.0 } else { 1.0 / 4096.0 }
     }
 }
 
-/// Ways through a cell with a larger optical depth are not for packets.
-const DEEPEST: f64 = 1.0;
 /// Rounding of places in a brick, cells, and of what follows from them, relative.
 const PLACE_ROUNDING: f64 = 4e-6;
 const VALUE_ROUNDING: f64 = 3e-7;
@@ -81,14 +87,23 @@ pub(super) struct PacketTransfer {
     pub(super) behind: f64,
 }
 
+impl PacketTransfer {
+    /// Emission, relative to the table's, that weighs as much as the table's largest extinction.
+    pub(super) fn darkening(&self) -> f32 {
+        let light = self.table.extinction * self.behind.max(1.0) / self.table.emission;
+        light.min(f64::from(f32::MAX)) as f32
+    }
+}
+
 /// The groups of a brick, as packets see them. Its memory is reused from brick to brick.
 #[derive(Debug, Default)]
 pub(super) struct Grades {
     /// As [`super::packet::Ground`] has them.
     pub(super) rates: Vec<u32>,
-    pub(super) blended_rates: Vec<u32>,
     pub(super) levels: Vec<u32>,
     pub(super) parts: u32,
+    /// As [`Care::share_of_cell`] has it.
+    pub(super) share: f64,
     /// Groups that packets march through, and what storage changes in them.
     pub(super) fit: usize,
     pub(super) storage: Change,
@@ -106,13 +121,10 @@ impl Grades {
     ) {
         let reach = if hides { relief.levels_reach } else { 0.0 };
         let count = relief.count();
-        self.parts = care.parts();
-        let parts = f64::from(self.parts);
-        let grader = Grader { transfer, reach, diagonal, parts };
+        (self.parts, self.share) = (care.parts(), care.share_of_cell());
+        let grader = Grader { transfer, reach, diagonal, parts: f64::from(self.parts) };
         self.rates.clear();
-        self.rates.extend((0..count).map(|n| grader.grade(relief.group(n), false)));
-        self.blended_rates.clear();
-        self.blended_rates.extend((0..count).map(|n| grader.grade(relief.group(n), true)));
+        self.rates.extend((0..count).map(|n| grader.grade(relief.group(n))));
         self.fit = self.rates.iter().filter(|rate| **rate != UNFIT).count();
         let fit = self.rates.iter().enumerate().filter(|(_, rate)| **rate != UNFIT);
         let storage = |n: usize| relief.group(n).span.slope.times(relief.group(n).storage);
@@ -136,7 +148,7 @@ struct Grader<'g> {
 }
 
 impl Grader<'_> {
-    fn grade(&self, group: &Group, blended: bool) -> u32 {
+    fn grade(&self, group: &Group) -> u32 {
         if group.low > group.high || group.has_void {
             return UNFIT;
         }
@@ -146,7 +158,7 @@ impl Grader<'_> {
         if smoothness.steps {
             return UNFIT;
         }
-        let [emission, extinction] = self.off(group, &smoothness, blended);
+        let [emission, extinction] = self.off(group, &smoothness);
         let most = self.allowed(&smoothness);
         let is_fit = emission <= FITTING * most.emission && extinction <= FITTING * most.extinction;
         if is_fit { pack(emission, extinction, &self.transfer.table) } else { UNFIT }
@@ -162,39 +174,26 @@ impl Grader<'_> {
     }
 
     /// What emission and extinction are off by.
-    fn off(&self, group: &Group, smoothness: &Smoothness, blended: bool) -> [f64; 2] {
-        let Smoothness { bend, deviation, slope, most, .. } = *smoothness;
-        // Beside borders a way is cut at the cell's faces at least.
-        let whole = if blended { 0.5 * group.slope.iter().sum::<f64>() } else { group.plain };
-        // Where a weight, linear, multiplies the difference D of two cubics, only the fourth power
-        // of what follows is not integrated exactly, for which two nodes leave a 180th. The
-        // weight's slope is 2 a cell, the coefficient of D's third power at most 8·D a cell cubed.
-        let quartic = if blended { group.blend / 180.0 / self.parts.powi(4) } else { 0.0 };
-        let width = whole.min(group.high - group.low) / self.parts;
-        let way = self.diagonal / self.parts;
-        let depth = most.extinction * way;
-        if depth.is_nan() || depth > DEEPEST {
+    fn off(&self, group: &Group, smoothness: &Smoothness) -> [f64; 2] {
+        let Smoothness { deviation, slope, most, .. } = *smoothness;
+        let depth = most.extinction * self.diagonal / self.parts;
+        if depth.is_nan() || depth > f64::from(DEEPEST) {
             return [f64::INFINITY; 2];
         }
         let table = self.transfer.table.deviation(group.low, group.high);
         let largest = group.low.abs().max(group.high.abs());
+        let whole: f64 = group.slope.iter().sum();
         let rounded = PLACE_ROUNDING * whole + VALUE_ROUNDING * largest;
-        let leaning = slope.extinction * width * way;
-        let fourth = most.emission
-            * (depth.powi(4) + 6.0 * depth * depth * leaning + 3.0 * leaning * leaning)
-            + 4.0 * slope.emission * width * (depth.powi(3) + 3.0 * depth * leaning)
-            + 12.0 * bend * width * width * (depth * depth + leaning);
         [
             table[0]
                 + UNDERFLOW * self.transfer.table.emission
                 + 2.0 * deviation
                 + most.emission * LIGHT_ROUNDING
-                + fourth / 4320.0
-                + slope.emission * (rounded + quartic),
+                + slope.emission * rounded,
             table[1]
                 + UNDERFLOW * self.transfer.table.extinction
                 + most.extinction * LIGHT_ROUNDING
-                + slope.extinction * (rounded + quartic),
+                + slope.extinction * rounded,
         ]
     }
 }

@@ -70,6 +70,8 @@ struct Place<'p> {
     transfer: &'p PacketTransfer,
     /// What stored values change.
     storage: Change,
+    /// What a cell may be off by, in the picture's own unit.
+    allowed: f64,
 }
 
 impl Packets {
@@ -78,7 +80,7 @@ impl Packets {
     pub(super) const BYTES: u64 = {
         let duals = BrickShape::MOST_CELLS + 1;
         let groups = duals.div_ceil(GROUP_EDGE);
-        let known = 3 * size_of::<u32>() * groups.pow(3) + duals.pow(3) + BYTE_PADDING;
+        let known = 2 * size_of::<u32>() * groups.pow(3) + duals.pow(3) + BYTE_PADDING;
         (2 * known + size_of::<Packet>() + 2 * MOST_LANES * size_of::<Rider>()) as u64
     };
 
@@ -148,9 +150,10 @@ impl Packets {
         let region = passage.region.within(passage.brick.edge);
         let range = DualRange::of(&region);
         let storage = self.grades.storage;
-        let place = Place { passage, region, range, light, transfer, storage };
+        let allowed = transfer.allowed.map_or(f64::INFINITY, |allowed| allowed * self.grades.share);
+        let place = Place { passage, region, range, light, transfer, storage, allowed };
         let cabin = &mut self.cabin;
-        cabin.board(&place, rays.take(self.width.count()));
+        cabin.board(&place, rays.take(self.width.count()), film);
         let whole = &passage.brick.relief.whole;
         let kinds = if self.kinds.is_empty() { &passage.brick.duals } else { &self.kinds };
         let ground = Ground {
@@ -163,12 +166,12 @@ impl Packets {
             lo: range.lo.map(|c| c as f32),
             hi: range.hi.map(|c| c as f32),
             rates: &self.grades.rates,
-            blended_rates: &self.grades.blended_rates,
             levels: &self.grades.levels,
             groups: passage.brick.relief.side(),
             table: &transfer.table,
             kinks: transfer.table.bends.between(whole.low, whole.high),
             parts: self.grades.parts,
+            darkening: transfer.darkening(),
         };
         let mut single = 0;
         while cabin.packet.active != 0 {
@@ -185,13 +188,18 @@ impl Packets {
         for lane in 0..cabin.riders.len() {
             cabin.settle(&place, lane, film);
         }
-        cabin.packet.count * u64::from(ground.parts) + single
+        cabin.packet.count + single
     }
 }
 
 impl Cabin {
     /// Takes in rays that meet the brick.
-    fn board(&mut self, place: &Place<'_>, rays: impl Iterator<Item = (usize, LocalRay)>) {
+    fn board(
+        &mut self,
+        place: &Place<'_>,
+        rays: impl Iterator<Item = (usize, LocalRay)>,
+        film: &Rays<'_>,
+    ) {
         let packet = &mut self.packet;
         self.riders.clear();
         (packet.active, packet.count) = (0, 0);
@@ -212,6 +220,9 @@ impl Cabin {
             packet.end.0[lane] = ((span.1 - span.0) / unit) as f32;
             let length = ray.length * unit;
             packet.thickness.0[lane] = (length * place.transfer.table.extinction) as f32;
+            let seen = film.states[index].transmittance * length;
+            let allowed = place.allowed / (seen * place.transfer.table.emission);
+            packet.allowed.0[lane] = allowed.min(f64::from(f32::MAX)) as f32;
             packet.active |= 1 << lane;
             self.riders.push(Rider { index, ray, span, unit, since: 0.0 });
         }
@@ -345,10 +356,10 @@ impl Ground<'_> {
         let kind = self.kinds.get((z * duals + y) * duals + x).copied().unwrap_or(dual::PLAIN);
         let [x, y, z] = [x, y, z].map(|c| c / GROUP_EDGE);
         let group = (z * self.groups + y) * self.groups + x;
-        let is_fit = |rates: &[u32]| rates.get(group).is_some_and(|rate| *rate != UNFIT);
+        let is_fit = self.rates.get(group).is_some_and(|rate| *rate != UNFIT);
         match kind {
-            dual::PLAIN if is_fit(self.rates) => Some(false),
-            dual::BLENDED if is_fit(self.blended_rates) => Some(true),
+            dual::PLAIN if is_fit => Some(false),
+            dual::BLENDED if is_fit => Some(true),
             _ => None,
         }
     }

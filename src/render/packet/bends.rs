@@ -7,17 +7,36 @@ use super::rows::distance;
 use crate::render::lanes::Lanes;
 use crate::render::transfer_table::Bends;
 
-/// What emission and extinction are off by on average over a part along which x is `values` at the
-/// nodes and bends as `bend` says (see [`crate::render::grade`]); and what extinction is off by, at most,
-/// if taken to be linear along it. `depths`: the part's optical depth, and that of the table's
-/// largest extinction.
+/// What is known of a part's optical depth: of the table's largest extinction, of the mean of both
+/// nodes, and the larger extinction of these.
+pub(super) struct Depths<L: Lanes> {
+    pub(super) thickness: L::Float,
+    pub(super) mean: L::Float,
+    pub(super) extinction: L::Float,
+}
+
+/// What a part is off by.
+pub(super) struct Off<L: Lanes> {
+    /// Emission and extinction, on average over the part.
+    pub(super) emission: L::Float,
+    pub(super) extinction: L::Float,
+    /// Extinction, at most, if taken to be linear along it.
+    pub(super) most: L::Float,
+    /// Light, relative, as emission times transmittance is no polynomial.
+    pub(super) curved: L::Float,
+    /// Its optical depth, at most.
+    pub(super) depth: L::Float,
+}
+
+/// What a part is off by along which x is `values` at the nodes and bends as `bend` says (see
+/// [`crate::render::grade`]).
 #[inline(always)]
 pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     l: L,
     ground: &Ground<'_>,
     ([a, b], bend): ([L::Float; 2], Bend<L>),
-    [depth, thickness]: [L::Float; 2],
-) -> [L::Float; 3] {
+    Depths { thickness, mean: depth, extinction }: Depths<L>,
+) -> Off<L> {
     let bends = &ground.table.bends;
     // The line rises √3 times as far as between nodes, which are off it by `bend` each.
     let (apart, off) = (distance(l, a, b), bend.distance(l));
@@ -33,7 +52,7 @@ pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     let curved = l.select(near, curved, l.splat(bends.anywhere[0]));
     let slope = l.select(near, slope, l.splat(bends.anywhere[1]));
     // Where x is no cubic nodes are off its mean by as much as it is off the line, and back.
-    let mean = l.mul(bend.kink, l.splat(2.0));
+    let mean = l.fma(bend.kink, l.splat(2.0), l.mul(bend.fourth, l.splat(1.0 / 180.0)));
     let odd = l.mul(bend.third, l.fma(bend.third, l.splat(0.0011), l.mul(width, l.splat(0.0112))));
     let even = l.fma(l.mul(bend.second, bend.second), l.splat(0.0056), odd);
     let smooth = l.mul(curved, l.fma(mean, l.add(width, bend.kink), even));
@@ -54,24 +73,44 @@ pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     let kinked = l.fma(l.sub(high[0], low[0]), kink_share, turned);
     let unseen = l.fma(mean, slope, l.add(smooth, kinked));
     if !ABSORBS {
-        return [unseen, zero, zero];
+        return Off { emission: unseen, extinction: zero, most: zero, curved: zero, depth: zero };
     }
     let fade = l.select(near, fade, l.splat(bends.anywhere[2]));
     let step = l.sub(high[1], low[1]);
     let mean = l.fma(mean, fade, l.mul(step, kink_share));
     let most = l.fma(off, fade, l.mul(step, quarter));
-    // Extinction that is linear, and not negative, is at most 2.74 times its mean at the nodes.
+    // Extinction that is linear, and not negative, is at most 2.74 times its mean at the nodes;
+    // and nowhere is x farther from that at a node than half the width.
+    let leaning = l.mul(l.mul(fade, width), thickness);
+    let straight = l.mul(l.fma(thickness, most, depth), l.splat(2.74));
+    let depth = l.min(straight, l.fma(extinction, thickness, l.mul(leaning, l.splat(0.5))));
     // What cancels between the part's ends, or with what is linear, does so no better than the
     // transmittance is the same there; which leaves of a cubic x itself a share by nodes.
-    let depth = l.fma(thickness, most, l.mul(depth, l.splat(2.74)));
     let steps = l.fma(l.sub(high[2], low[2]), width, l.sub(high[0], low[0]));
-    let bent = l.mul(l.mul(curved, width), l.mul(bend.second, l.splat(0.0112)));
+    let rise = l.mul(curved, width);
+    let bent = l.mul(rise, l.mul(bend.second, l.splat(0.0112)));
     let cubic =
         l.fma(l.mul(depth, bend.second), l.splat(0.0028), l.mul(bend.third, l.splat(0.0056)));
     let coupled = l.fma(slope, cubic, l.fma(steps, quarter, bent));
-    let seen = l.fma(depth, coupled, unseen);
-    // Seen from the part's near end, not on average.
-    [l.fma(depth, seen, seen), mean, most]
+    // Fourth derivatives, by those of the transmittance: of the emission itself, which rises by
+    // no more than its slope says, of its slope, and of its own second derivative.
+    let square = l.mul(depth, depth);
+    let third = l.mul(depth, l.fma(leaning, l.splat(3.0), square));
+    let sixth = l.add(square, l.mul(leaning, l.splat(6.0)));
+    let fourth = l.fma(square, sixth, l.mul(l.mul(leaning, leaning), l.splat(3.0)));
+    let rising = l.mul(l.mul(slope, width), l.fma(third, l.splat(4.0), fourth));
+    let turning = l.mul(l.mul(rise, width), l.mul(l.add(square, leaning), l.splat(12.0)));
+    let share = l.splat(1.0 / 4320.0);
+    let seen = l.fma(depth, coupled, l.fma(l.add(rising, turning), share, unseen));
+    // Seen from the part's near end, not on average: e^depth up to 1 is at most 1 + 1.72·depth.
+    let near = l.fma(depth, l.splat(1.72), one);
+    Off {
+        emission: l.mul(seen, near),
+        extinction: mean,
+        most,
+        curved: l.mul(l.mul(fourth, share), near),
+        depth,
+    }
 }
 
 /// Where x is among the sums of kinks, or what comes `after` it.

@@ -246,6 +246,10 @@ impl<L: Lanes> Part<L> {
             let change = l.fma(distance(l, d, e), l.splat(1.733), off);
             let turn = l.mul(distance(l, v, w), l.splat(1.733));
             above = both;
+            // The weight makes a fourth power of the difference's third; and of its fourth one a
+            // fifth, of which two nodes leave two and a half times as much.
+            let power = l.fma(both.fourth, l.splat(2.5), both.third);
+            above.fourth = l.fma(turn, power, above.fourth);
             above.second = l.fma(turn, change, above.second);
             // What is left is the weight times the difference's third power: it bends no more
             // than a third of that, less a straight line.

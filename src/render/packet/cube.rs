@@ -37,7 +37,7 @@ impl<L: Lanes> Cube<L> {
         let twist = l.sub(l.sub(d, c), l.sub(b, a));
         let (upper, zero) = (l.add(lower, twist), l.splat(0.0));
         let yz = l.max(distance(l, lower, zero), distance(l, upper, zero));
-        Bend { second: l.add(l.add(xy, xz), yz), third: distance(l, twist, zero), kink: zero }
+        Bend { second: l.add(l.add(xy, xz), yz), third: distance(l, twist, zero), fourth: zero, kink: zero }
     }
 
     /// The interpolant at `u`.
@@ -53,12 +53,13 @@ impl<L: Lanes> Cube<L> {
     }
 }
 
-/// How x bends along a way of length 1, at most: coefficients of its second and third power, and
-/// how far it is off such a cubic.
+/// How x bends along a way of length 1, at most: coefficients of its second, third and fourth
+/// power, and how far it is off such a polynomial.
 #[derive(Clone, Copy)]
 pub(super) struct Bend<L: Lanes> {
     pub(super) second: L::Float,
     pub(super) third: L::Float,
+    pub(super) fourth: L::Float,
     pub(super) kink: L::Float,
 }
 
@@ -66,9 +67,13 @@ impl<L: Lanes> Bend<L> {
     /// Along `share` of the way.
     #[inline(always)]
     pub(super) fn along(self, l: L, share: f32) -> Self {
-        let Self { second, third, kink } = self;
         let (square, cube) = (share * share, share * share * share);
-        Self { second: l.mul(second, l.splat(square)), third: l.mul(third, l.splat(cube)), kink }
+        Self {
+            second: l.mul(self.second, l.splat(square)),
+            third: l.mul(self.third, l.splat(cube)),
+            fourth: l.mul(self.fourth, l.splat(square * square)),
+            kink: self.kink,
+        }
     }
 
     /// Of a sum.
@@ -77,6 +82,7 @@ impl<L: Lanes> Bend<L> {
         Self {
             second: l.add(self.second, other.second),
             third: l.add(self.third, other.third),
+            fourth: l.add(self.fourth, other.fourth),
             kink: l.add(self.kink, other.kink),
         }
     }

@@ -24,7 +24,8 @@ pub(super) use self::blended::{MOST_PARENTS, Parents};
 use self::blended::{Bends, Part, is_crooked};
 use self::cube::Cube;
 use self::rows::is_less;
-use self::sums::Sums;
+pub(super) use self::sums::DEEPEST;
+use self::sums::{Stretch, Sums, Terms};
 use self::walk::Walk;
 use super::lanes::{Kernel, Lanes, MOST_LANES, Row};
 use super::scaled::dual;
@@ -52,8 +53,6 @@ pub(super) struct Ground<'g> {
     /// For each group of cells what emission (upper half of the bits, relative to the table's) and
     /// extinction (lower half) may be off by; [`UNFIT`] where that is too much.
     pub(super) rates: &'g [u32],
-    /// The same in cells beside borders of levels.
-    pub(super) blended_rates: &'g [u32],
     /// The same of what lies beneath the brick; empty where nothing does.
     pub(super) levels: &'g [u32],
     /// Groups along an edge.
@@ -61,8 +60,10 @@ pub(super) struct Ground<'g> {
     pub(super) table: &'g TransferTable,
     /// Sums of the table's kinks at the brick's smallest and largest value.
     pub(super) kinks: [[f32; 4]; 2],
-    /// Parts that the way through a cell is cut into.
+    /// Parts that the way through a cell is cut into, at most.
     pub(super) parts: u32,
+    /// Emission, relative to the table's, that weighs as much as the table's largest extinction.
+    pub(super) darkening: f32,
 }
 
 /// Rays in a brick: where they are, and what they gather.
@@ -74,6 +75,9 @@ pub(super) struct Packet {
     pub(super) direction: [Row; 3],
     /// Largest extinction · code length per unit of t.
     pub(super) thickness: Row,
+    /// What emission may be off by over the way through a cell, per unit of t, where that takes
+    /// only to cut it into parts.
+    pub(super) allowed: Row,
     /// t reached, and t where the ray leaves.
     pub(super) t: Row,
     pub(super) end: Row,
@@ -90,7 +94,7 @@ pub(super) struct Packet {
     pub(super) lit: Row,
     pub(super) off: [Row; 3],
     pub(super) levels: [Row; 3],
-    /// Cells passed by all.
+    /// Parts of cells passed by all.
     pub(super) count: u64,
 }
 
@@ -100,6 +104,7 @@ impl Packet {
             origin: [Row::ZERO; 3],
             direction: [Row::ZERO; 3],
             thickness: Row::ZERO,
+            allowed: Row::ZERO,
             t: Row::ZERO,
             end: Row::ZERO,
             cell: [Row::ZERO; 3],
@@ -169,8 +174,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
 ) {
     let mut walk = Walk::new(l, ground, packet);
     let bends = Bends::new(l, walk.direction);
-    let rates = if BLENDED { ground.blended_rates } else { ground.rates };
-    let mut sums = Sums::load(l, packet);
+    let (mut sums, terms) = (Sums::load(l, packet), Terms::load(l, packet));
     let mut active = l.mask(packet.active);
     let mut stopped = l.mask(0);
     let mut count = 0;
@@ -178,7 +182,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
     let zero = l.splat(0.0);
     loop {
         let group = walk.group(ground.groups);
-        let bits = l.gather_bits(rates, group);
+        let bits = l.gather_bits(ground.rates, group);
         let mut unfit = l.is_index(bits, UNFIT);
         let duals = walk.index(l.splat((ground.side - 1) as f32));
         if !ground.kinds.is_empty() {
@@ -192,7 +196,6 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
         if l.bits(active) == 0 {
             break;
         }
-        count += u64::from(l.bits(active).count_ones());
         let cube = Cube::new(l, (ground.values, ground.side), walk.index(side));
         let (next, axes) = walk.exit();
         let way = l.select(active, l.sub(next, walk.t), zero);
@@ -213,14 +216,16 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
                 let middle = l.fma(way, l.splat(0.5), from);
                 let place = walk.place(inside, middle);
                 let part = Part::new(l, ground, (&walk.cell, exists), place);
-                let shape = (&cube, Some(&part));
-                sums.pass::<ABSORBS>(l, ground, shape, &walk, (from, way), extinction_off);
+                let (cube, part) = (&cube, Some(&part));
+                let stretch = Stretch { cube, part, from, way, rate: extinction_off };
+                count += sums.pass::<ABSORBS>(l, ground, (&walk, &terms, active), stretch);
                 ahead = l.and(ahead, is_less(l, to, next));
                 from = l.select(ahead, to, from);
             }
         } else {
-            let shape = (&cube, None);
-            sums.pass::<ABSORBS>(l, ground, shape, &walk, (walk.t, way), extinction_off);
+            let (cube, from) = (&cube, walk.t);
+            let stretch = Stretch { cube, part: None, from, way, rate: extinction_off };
+            count += sums.pass::<ABSORBS>(l, ground, (&walk, &terms, active), stretch);
         }
         let lit = l.sub(sums.lit, before);
         sums.off = add_off::<L, ABSORBS>(l, sums.off, [emission_off, extinction_off], lit, way);

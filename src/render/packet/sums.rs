@@ -1,7 +1,7 @@
 //! What a packet gathers.
 #![allow(clippy::needless_range_loop)]
 
-use super::bends::crooked;
+use super::bends::{Depths, crooked};
 use super::blended::{MOST_PARENTS, Part};
 use super::cube::Cube;
 use super::rows::{load, store};
@@ -14,17 +14,48 @@ use crate::render::transfer_table::TransferTable;
 const NODES: [f32; 2] = [0.211_324_87, 0.788_675_1];
 /// √3 / 12: what extinction's slope between the nodes adds to the depth at either.
 const SLOPE_DEPTH: f32 = 0.144_337_57;
+/// Stretches that are off by too much are passed in so many times as many parts.
+const FINER: u32 = 4;
+/// Optical depth of a part, at most.
+pub(in crate::render) const DEEPEST: f32 = 1.0;
 /// Depths from which on no f32 shows light.
 const DARK: f32 = 80.0;
 
 /// What rays have gathered.
+#[derive(Clone, Copy)]
 pub(super) struct Sums<L: Lanes> {
-    pub(super) light: [L::Float; 3],
+    light: [L::Float; 3],
     depth: L::Float,
-    thickness: L::Float,
     pub(super) lit: L::Float,
     pub(super) off: [L::Float; 3],
     pub(super) levels: [L::Float; 3],
+}
+
+/// What holds for rays all the way through a brick.
+#[derive(Clone, Copy)]
+pub(super) struct Terms<L: Lanes> {
+    thickness: L::Float,
+    allowed: L::Float,
+}
+
+impl<L: Lanes> Terms<L> {
+    #[inline(always)]
+    pub(super) fn load(l: L, packet: &Packet) -> Self {
+        Self { thickness: l.load(&packet.thickness), allowed: l.load(&packet.allowed) }
+    }
+}
+
+/// A stretch of a cell, along which one formula holds.
+#[derive(Clone, Copy)]
+pub(super) struct Stretch<'s, L: Lanes> {
+    pub(super) cube: &'s Cube<L>,
+    /// How it is blended, beside borders of levels.
+    pub(super) part: Option<&'s Part<L>>,
+    /// t where it begins, and its length.
+    pub(super) from: L::Float,
+    pub(super) way: L::Float,
+    /// What extinction is off by beside what is found out on the way.
+    pub(super) rate: L::Float,
 }
 
 impl<L: Lanes> Sums<L> {
@@ -33,7 +64,6 @@ impl<L: Lanes> Sums<L> {
         Self {
             light: load(l, &packet.light),
             depth: l.load(&packet.depth),
-            thickness: l.load(&packet.thickness),
             lit: l.load(&packet.lit),
             off: load(l, &packet.off),
             levels: load(l, &packet.levels),
@@ -49,23 +79,61 @@ impl<L: Lanes> Sums<L> {
         l.store(self.lit, &mut packet.lit);
     }
 
-    /// Passes `way` through a cell, from t = `from` on; extinction is off by `rate` beside what is
-    /// found out here.
+    /// Passes a stretch, in as many equal parts as it takes to be off by little. Returns how many
+    /// these are of all `active` rays.
     #[inline(always)]
     pub(super) fn pass<const ABSORBS: bool>(
         &mut self,
         l: L,
         ground: &Ground<'_>,
-        (cube, part): (&Cube<L>, Option<&Part<L>>),
-        walk: &Walk<L>,
-        (from, way): (L::Float, L::Float),
-        rate: L::Float,
-    ) {
-        let step = l.mul(way, l.splat((ground.parts as f32).recip()));
+        (walk, terms, active): (&Walk<L>, &Terms<L>, L::Mask),
+        stretch: Stretch<'_, L>,
+    ) -> u64 {
+        let before = *self;
+        let mut parts = 1;
+        let mut count = u64::from(l.bits(active).count_ones());
+        let open = self.pass_parts::<ABSORBS>(l, ground, (walk, terms), stretch, parts);
+        let mut open = l.and(active, open);
+        while l.bits(open) != 0 && parts < ground.parts {
+            parts *= FINER;
+            let mut finer = before;
+            let left = finer.pass_parts::<ABSORBS>(l, ground, (walk, terms), stretch, parts);
+            self.choose(l, open, &finer);
+            count += u64::from(parts) * u64::from(l.bits(open).count_ones());
+            open = l.and(open, left);
+        }
+        count
+    }
+
+    /// Takes others' sums in some lanes.
+    #[inline(always)]
+    fn choose(&mut self, l: L, lanes: L::Mask, other: &Self) {
+        for n in 0..3 {
+            self.light[n] = l.select(lanes, other.light[n], self.light[n]);
+            self.off[n] = l.select(lanes, other.off[n], self.off[n]);
+        }
+        self.depth = l.select(lanes, other.depth, self.depth);
+        self.lit = l.select(lanes, other.lit, self.lit);
+    }
+
+    /// Passes a stretch in so many equal parts. Returns which lanes are off by too much.
+    #[inline(always)]
+    fn pass_parts<const ABSORBS: bool>(
+        &mut self,
+        l: L,
+        ground: &Ground<'_>,
+        (walk, terms): (&Walk<L>, &Terms<L>),
+        Stretch { cube, part, from, way, rate }: Stretch<'_, L>,
+        parts: u32,
+    ) -> L::Mask {
+        let share = (parts as f32).recip();
+        let step = l.mul(way, l.splat(share));
         let half = l.mul(step, l.splat(0.5));
-        let thickness = l.mul(step, self.thickness);
-        let (within, bend, share) = (walk.within(), cube.bend(l), (ground.parts as f32).recip());
-        for count in 0..ground.parts {
+        let thickness = l.mul(step, terms.thickness);
+        let (within, bend) = (walk.within(), cube.bend(l));
+        let before = self.off;
+        let (mut deepest, zero) = (l.splat(0.0), l.splat(0.0));
+        for count in 0..parts {
             let (mut shades, mut values) = ([[half; 4]; 2], [half; 2]);
             let mut blends = [[[half; 2]; MOST_PARENTS]; 2];
             for n in 0..2 {
@@ -79,18 +147,17 @@ impl<L: Lanes> Sums<L> {
                 values[n] = x;
             }
             let [a, b] = shades;
-            let (mut weights, mut depths) = ([half; 2], [l.splat(0.0); 2]);
+            let (mut weights, mut mean) = ([half; 2], zero);
             if ABSORBS {
-                let mean = l.mul(thickness, l.mul(l.add(a[3], b[3]), l.splat(0.5)));
+                mean = l.mul(thickness, l.mul(l.add(a[3], b[3]), l.splat(0.5)));
                 let bend = l.mul(l.mul(thickness, l.sub(b[3], a[3])), l.splat(SLOPE_DEPTH));
                 for n in 0..2 {
                     let depth = l.sub(l.fma(mean, l.splat(NODES[n]), self.depth), bend);
                     weights[n] = l.mul(half, through(l, depth));
                 }
                 self.depth = l.add(self.depth, mean);
-                depths = [mean, thickness];
             }
-            let mut brightest = l.splat(0.0);
+            let mut brightest = zero;
             for c in 0..3 {
                 let light = l.fma(weights[0], a[c], l.mul(weights[1], b[c]));
                 self.light[c] = l.add(self.light[c], light);
@@ -102,17 +169,25 @@ impl<L: Lanes> Sums<L> {
                 Some(part) => part.bend(l, bend, share, &blends),
                 None => bend.along(l, share),
             };
-            let [emission, extinction, crooked] =
-                crooked::<L, ABSORBS>(l, ground, (values, bend), depths);
-            self.off[0] = l.fma(emission, lit, self.off[0]);
+            let depths = Depths { thickness, mean, extinction: l.max(a[3], b[3]) };
+            let found = crooked::<L, ABSORBS>(l, ground, (values, bend), depths);
+            self.off[0] = l.fma(found.emission, lit, self.off[0]);
             if ABSORBS {
-                self.off[1] = l.fma(extinction, lit, self.off[1]);
-                self.off[2] = l.fma(extinction, step, self.off[2]);
+                self.off[1] = l.fma(found.extinction, lit, self.off[1]);
+                self.off[2] = l.fma(found.extinction, step, self.off[2]);
                 // The depth in front of a node is off by up to three times as much.
-                let late = l.mul(l.mul(l.add(crooked, rate), thickness), l.splat(3.3));
-                self.off[0] = l.fma(late, brightest, self.off[0]);
+                let late = l.mul(l.mul(l.add(found.most, rate), thickness), l.splat(3.3));
+                self.off[0] = l.fma(l.add(late, found.curved), brightest, self.off[0]);
+                deepest = l.max(deepest, found.depth);
             }
         }
+        let mut off = l.sub(self.off[0], before[0]);
+        if ABSORBS {
+            off = l.fma(l.sub(self.off[1], before[1]), l.splat(ground.darkening), off);
+        }
+        let shallow = l.is_at_most(deepest, l.splat(DEEPEST));
+        let fine = l.and(shallow, l.is_at_most(off, terms.allowed));
+        l.without(l.mask(!0), fine)
     }
 }
 
