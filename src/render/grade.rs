@@ -54,7 +54,7 @@ impl Care {
 
     /// What a single cell may be off by, as a part of what a ray may be.
     pub(super) fn share_of_cell(self) -> f64 {
-        if self == Self::Rough { 1.0 / 128.0 } else { 1.0 / 4096.0 }
+        if self == Self::Rough { 1.0 / 16.0 } else { 1.0 / 4096.0 }
     }
 }
 
@@ -65,7 +65,7 @@ const LIGHT_ROUNDING: f64 = 4e-6;
 /// What is lost below the smallest f32, of values relative to the table's.
 const UNDERFLOW: f64 = f32::MIN_POSITIVE as f64;
 /// Groups are fit that are off by no more than this many times as much as all might be.
-const FITTING: f64 = 4.0;
+const FITTING: f64 = 16.0;
 /// What is little against emission and extinction.
 const LITTLE: f64 = 0.01;
 /// Cells that a ray may pass at one level, about: what a cell may be off by is this share of what
@@ -93,6 +93,13 @@ impl PacketTransfer {
         let light = self.table.extinction * self.behind.max(1.0) / self.table.emission;
         light.min(f64::from(f32::MAX)) as f32
     }
+
+    /// Whether a change is little over any way.
+    fn is_little(&self, change: Change) -> bool {
+        let Some(allowed) = self.allowed else { return true };
+        let light = change.emission.max(change.extinction * self.behind.max(1.0));
+        light * self.longest <= LITTLE * allowed
+    }
 }
 
 /// The groups of a brick, as packets see them. Its memory is reused from brick to brick.
@@ -104,7 +111,9 @@ pub(super) struct Grades {
     pub(super) parts: u32,
     /// As [`Care::share_of_cell`] has it.
     pub(super) share: f64,
-    /// Groups that packets march through, and what storage changes in them.
+    pub(super) storages: Vec<u32>,
+    /// Groups that packets march through, and what storage changes in all of them, where
+    /// `storages` is empty.
     pub(super) fit: usize,
     pub(super) storage: Change,
 }
@@ -129,12 +138,14 @@ impl Grades {
         let fit = self.rates.iter().enumerate().filter(|(_, rate)| **rate != UNFIT);
         let storage = |n: usize| relief.group(n).span.slope.times(relief.group(n).storage);
         self.storage = fit.fold(Change::default(), |most, (n, _)| most.max(storage(n)));
+        self.storages.clear();
+        if !transfer.is_little(self.storage) {
+            self.storages.extend((0..count).map(|n| pack(storage(n), &transfer.table)));
+            self.storage = Change::default();
+        }
         self.levels.clear();
         if hides {
-            let levels = (0..count).map(|n| {
-                let change = relief.group(n).levels;
-                pack(change.emission, change.extinction, &transfer.table)
-            });
+            let levels = (0..count).map(|n| pack(relief.group(n).levels, &transfer.table));
             self.levels.extend(levels);
         }
     }
@@ -158,10 +169,10 @@ impl Grader<'_> {
         if smoothness.steps {
             return UNFIT;
         }
-        let [emission, extinction] = self.off(group, &smoothness);
-        let most = self.allowed(&smoothness);
-        let is_fit = emission <= FITTING * most.emission && extinction <= FITTING * most.extinction;
-        if is_fit { pack(emission, extinction, &self.transfer.table) } else { UNFIT }
+        let off = self.off(group, &smoothness);
+        let most = self.allowed(&smoothness).times(FITTING);
+        let is_fit = off.emission <= most.emission && off.extinction <= most.extinction;
+        if is_fit { pack(off, &self.transfer.table) } else { UNFIT }
     }
 
     /// What emission and extinction may be off by.
@@ -174,32 +185,26 @@ impl Grader<'_> {
     }
 
     /// What emission and extinction are off by.
-    fn off(&self, group: &Group, smoothness: &Smoothness) -> [f64; 2] {
+    fn off(&self, group: &Group, smoothness: &Smoothness) -> Change {
         let Smoothness { deviation, slope, most, .. } = *smoothness;
         let depth = most.extinction * self.diagonal / self.parts;
         if depth.is_nan() || depth > f64::from(DEEPEST) {
-            return [f64::INFINITY; 2];
+            return Change { emission: f64::INFINITY, extinction: f64::INFINITY };
         }
         let table = self.transfer.table.deviation(group.low, group.high);
         let largest = group.low.abs().max(group.high.abs());
         let whole: f64 = group.slope.iter().sum();
         let rounded = PLACE_ROUNDING * whole + VALUE_ROUNDING * largest;
-        [
-            table[0]
-                + UNDERFLOW * self.transfer.table.emission
-                + 2.0 * deviation
-                + most.emission * LIGHT_ROUNDING
-                + slope.emission * rounded,
-            table[1]
-                + UNDERFLOW * self.transfer.table.extinction
-                + most.extinction * LIGHT_ROUNDING
-                + slope.extinction * rounded,
-        ]
+        let lost = Change {
+            emission: table[0] + UNDERFLOW * self.transfer.table.emission + 2.0 * deviation,
+            extinction: table[1] + UNDERFLOW * self.transfer.table.extinction,
+        };
+        lost.plus(most.times(LIGHT_ROUNDING)).plus(slope.times(rounded))
     }
 }
 
 /// Both relative to the table's largest, rounded up to the upper halves of f32.
-fn pack(emission: f64, extinction: f64, table: &TransferTable) -> u32 {
-    let extinction = if table.extinction > 0.0 { extinction / table.extinction } else { 0.0 };
-    two_halves([emission / table.emission, extinction]).min(UNFIT - 1)
+fn pack(off: Change, table: &TransferTable) -> u32 {
+    let extinction = if table.extinction > 0.0 { off.extinction / table.extinction } else { 0.0 };
+    two_halves([off.emission / table.emission, extinction]).min(UNFIT - 1)
 }

@@ -111,7 +111,9 @@ pub(super) fn kind(brick: &ScaledBrick, cell: [i32; 3], drawn: DrawnNeighbours) 
     let [x, y, z] = cell.map(|c| c as usize);
     let count = brick.edge + 1;
     let kind = brick.duals.get((z * count + y) * count + x).copied().unwrap_or(dual::PLAIN);
-    let undrawn = kind == dual::PLAIN && brick.meets_undrawn(cell, drawn);
+    // Which of a blended cell's corners exist is known of drawn neighbours alone.
+    let knows = kind == dual::PLAIN || kind == dual::BLENDED;
+    let undrawn = knows && brick.meets_undrawn(cell, drawn);
     if undrawn { dual::MIXED } else { kind }
 }
 

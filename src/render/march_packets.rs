@@ -80,7 +80,7 @@ impl Packets {
     pub(super) const BYTES: u64 = {
         let duals = BrickShape::MOST_CELLS + 1;
         let groups = duals.div_ceil(GROUP_EDGE);
-        let known = 2 * size_of::<u32>() * groups.pow(3) + duals.pow(3) + BYTE_PADDING;
+        let known = 3 * size_of::<u32>() * groups.pow(3) + duals.pow(3) + BYTE_PADDING;
         (2 * known + size_of::<Packet>() + 2 * MOST_LANES * size_of::<Rider>()) as u64
     };
 
@@ -167,6 +167,7 @@ impl Packets {
             hi: range.hi.map(|c| c as f32),
             rates: &self.grades.rates,
             levels: &self.grades.levels,
+            storages: &self.grades.storages,
             groups: passage.brick.relief.side(),
             table: &transfer.table,
             kinks: transfer.table.bends.between(whole.low, whole.high),
@@ -263,7 +264,8 @@ impl Cabin {
             error.levels = error.levels.plus(sums(packet.levels.each_ref().map(sum)));
             let way = (t - rider.since) * length * ROUNDED_UP;
             let lit = sum(&packet.lit) * seen * ROUNDED_UP;
-            error.storage = error.storage.plus(Sums::of(place.storage, way, lit));
+            let stored = sums(packet.stored.each_ref().map(sum));
+            error.storage = error.storage.plus(stored).plus(Sums::of(place.storage, way, lit));
         }
         let light = packet.light.each_ref().map(|row| sum(row) * seen * table.emission);
         state.gather(light);

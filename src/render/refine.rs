@@ -144,9 +144,10 @@ impl Sheet {
             found.sort_by_key(|(square, ..)| square.pixel);
             let mut squares = Vec::new();
             for found in found.chunk_by(|a, b| a.0.pixel == b.0.pixel) {
-                let (pixel, rate, mean) = self.pixel(grid, found, to_do.before);
+                let (pixel, room, mean) = self.pixel(grid, found, to_do.before);
+                let is_good = movable(&mean, to_do.before) <= room;
                 for found in found {
-                    if is_over || mean.total().min(found.2.total()) <= rate {
+                    if is_over || is_good || movable(&found.2, to_do.before) <= room {
                         self.pixels[pixel].take(found, grid.weight(&found.0));
                     } else if to_do.quartered {
                         squares.extend(found.0.quarters());
@@ -222,8 +223,8 @@ impl Sheet {
         }
     }
 
-    /// The pixel of what was found, what these squares may be off by on average, and what they
-    /// are.
+    /// The pixel of what was found, what these squares may be off by on average beside what work
+    /// cannot change, and what they are.
     fn pixel(&self, grid: &PixelGrid, found: &[Found], care: Care) -> (usize, f64, ErrorShares) {
         let whole: f64 = found.iter().map(|(square, ..)| grid.weight(square)).sum();
         let mut mean = ErrorShares::default();
@@ -233,8 +234,10 @@ impl Sheet {
         let pixel = usize::from(found[0].0.pixel);
         let allowed = self.allowed(pixel);
         // Beside what work cannot change, as much again, within the tolerance for itself.
-        let fixed = fixed(&mean, care);
-        (pixel, self.pixels[pixel].rate(allowed).max(fixed + fixed.min(allowed)), mean)
+        let done = if care == Care::Exact { mean.quadrature } else { 0.0 };
+        let fixed = done + mean.storage + mean.termination + mean.rounding;
+        let room = (self.pixels[pixel].rate(allowed) - fixed).max(fixed.min(allowed));
+        (pixel, room, mean)
     }
 
     /// Takes what a batch has found: pixels that are close enough are known, the others' squares
@@ -250,9 +253,9 @@ impl Sheet {
         let mut worst = 0.0_f64;
         let can_be_finer = !matches!(batch.cut, Cut::FullDepth);
         for found in outcome.chunk_by(|a, b| a.0.pixel == b.0.pixel) {
-            let (pixel, rate, mean) = self.pixel(grid, found, batch.care);
-            let is_taken = mean.total() <= rate || self.is_over(grid, pixel / GROUP_PIXELS);
-            let room = rate - fixed(&mean, batch.care);
+            let (pixel, room, mean) = self.pixel(grid, found, batch.care);
+            let is_good = movable(&mean, batch.care) <= room;
+            let is_taken = is_good || self.is_over(grid, pixel / GROUP_PIXELS);
             if !is_taken && batch.care != Care::Exact && mean.quadrature > MARCH_SHARE * room {
                 careful.extend(found);
                 continue;
@@ -264,7 +267,7 @@ impl Sheet {
             }
             for found in found {
                 let (square, _, shares) = found;
-                let is_taken = is_taken || shares.total() <= rate;
+                let is_taken = is_taken || movable(shares, batch.care) <= room;
                 if !is_taken && grid.has_area() && square.halvings < MOST_HALVINGS {
                     quartered.push(*found);
                 } else if !is_taken && can_be_finer {
@@ -335,10 +338,10 @@ impl Pixel {
     }
 }
 
-/// What neither finer levels, nor more rays, nor more care than `care` change.
-fn fixed(shares: &ErrorShares, care: Care) -> f64 {
+/// What finer levels, more rays or more care than `care` change.
+fn movable(shares: &ErrorShares, care: Care) -> f64 {
     let march = if care == Care::Exact { 0.0 } else { shares.quadrature };
-    shares.total() - shares.levels - shares.pixel_area - march
+    shares.levels + shares.pixel_area + march
 }
 
 #[cfg(test)]

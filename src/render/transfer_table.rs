@@ -1,26 +1,31 @@
-//! The transfer function as a table of straight lines: what packets of rays look up.
+//! The transfer function as a table of straight lines, with a corner in each if there is one: what
+//! packets of rays look up.
 
 use super::piece::Piece;
 use super::span::Smoothness;
 use super::transfer_pieces::PieceList;
 
-/// Lines over [0, 1]; one more for what lies beyond.
-const LINES: usize = 4096;
-/// Lines whose largest deviation is kept together.
+/// Bins over [0, 1]; one more for what lies beyond.
+const BINS: usize = 4096;
+/// Bins whose largest deviation is kept together.
 const BLOCK: usize = 64;
+/// The corner of a bin that has none: beyond its end.
+const NO_CORNER: f32 = 2.0;
 
-/// Emission (R, G, B) and extinction over x, each relative to its largest value, as lines of equal
-/// width.
+/// Emission (R, G, B) and extinction over x, each relative to its largest value, in bins of equal
+/// width: in each two straight lines that meet at a corner.
 #[derive(Debug)]
 pub(super) struct TransferTable {
-    /// At each line's start, channel by channel, and by how much they rise over it.
+    /// Where each bin's corner is, of its width.
+    pub(super) corners: Vec<f32>,
+    /// Both lines of each bin: channel by channel at its start, and by how much they rise over it.
     pub(super) lines: Vec<[f32; 8]>,
     /// What emission is relative to, radiance / code length.
     pub(super) emission: f64,
     /// What extinction is relative to, 1 / code length; 0 where nothing absorbs.
     pub(super) extinction: f64,
     /// Largest difference of emission (any channel) and extinction to the lines', in absolute
-    /// units, for each line and each block of them.
+    /// units, for each bin and each block of them.
     deviation: Vec<[f64; 2]>,
     blocks: Vec<[f64; 2]>,
     /// How the function bends, relative likewise.
@@ -104,8 +109,8 @@ impl Bends {
 }
 
 impl TransferTable {
-    /// Number of lines over [0, 1].
-    pub(super) const LINES: f32 = LINES as f32;
+    /// Number of bins over [0, 1].
+    pub(super) const BINS: f32 = BINS as f32;
 
     /// Of `pieces`, without anything left out, and `merged`, by which bends are bounded.
     pub(super) fn new(pieces: &PieceList, merged: &PieceList) -> Self {
@@ -113,58 +118,92 @@ impl TransferTable {
         let relative_to = |most: f64| if most > 0.0 && most.is_finite() { most } else { 1.0 };
         let scales = [relative_to(span.most.emission), relative_to(span.most.extinction)];
         let mut table = Self {
-            lines: Vec::with_capacity(LINES + 1),
+            corners: Vec::with_capacity(BINS + 1),
+            lines: Vec::with_capacity(2 * (BINS + 1)),
             emission: scales[0],
             extinction: if span.most.extinction == 0.0 { 0.0 } else { scales[1] },
-            deviation: Vec::with_capacity(LINES + 1),
+            deviation: Vec::with_capacity(BINS + 1),
             blocks: Vec::new(),
             bends: Bends::new(merged, scales),
         };
-        for line in 0..=LINES {
-            table.add_line(pieces, line, scales);
+        for bin in 0..BINS {
+            table.add_bin(pieces, [bin, bin + 1].map(|n| n as f64 / BINS as f64), scales);
         }
+        let last = channels(pieces.at(1.0), 1.0);
+        table.add_lines([1.0, 2.0, 3.0], [last; 4], scales);
+        table.deviation.push([0.0; 2]);
         table.blocks = table.deviation.chunks(BLOCK).map(largest).collect();
         table
     }
 
-    fn add_line(&mut self, pieces: &PieceList, line: usize, scales: [f64; 2]) {
-        let [from, to] = [line, line + 1].map(|n| n as f64 / LINES as f64);
-        let (first, last) = (pieces.at(from), pieces.at(to.next_down()));
-        let start = channels(first, from);
-        let end = if line == LINES { start } else { channels(last, to) };
-        self.lines.push(std::array::from_fn(|n| {
-            let c = n % 4;
-            let value = if n < 4 { start[c] } else { end[c] - start[c] };
-            (value / scales[usize::from(c == 3)]) as f32
-        }));
+    fn add_bin(&mut self, pieces: &PieceList, [from, to]: [f64; 2], scales: [f64; 2]) {
+        let (first, last) = (pieces.find(from), pieces.find(to.next_down()));
+        let kink = |index: usize| {
+            let kink = pieces.piece(index).kink_from(pieces.piece(index - 1));
+            (kink.emission / scales[0]).max(kink.extinction / scales[1])
+        };
+        let sharpest = (first + 1..=last).max_by(|a, b| kink(*a).total_cmp(&kink(*b)));
+        let (corner, [before, after]) = match sharpest {
+            Some(index) => {
+                let x = pieces.piece(index).start;
+                (x, [index - 1, index].map(|index| channels(pieces.piece(index), x)))
+            }
+            None => (to, [channels(pieces.piece(last), to); 2]),
+        };
+        let start = channels(pieces.piece(first), from);
+        let end = channels(pieces.piece(last), to);
+        let ends = [start, before, after, end];
+        self.add_lines([from, corner, to], ends, scales);
         let mut off = [0.0_f64; 2];
-        if line < LINES {
-            for index in pieces.find(from)..=pieces.find(to.next_down()) {
-                let piece = pieces.piece(index);
-                let ends = [piece.start.max(from), piece.end.min(to)];
-                let bulge = 0.25 * piece.bend * (ends[1] - ends[0]).powi(2);
-                off[0] = off[0].max(piece.deviation);
-                for x in ends {
-                    let t = (x - from) * LINES as f64;
-                    let found = channels(piece, x);
-                    for c in 0..4 {
-                        let difference = (found[c] - start[c] - t * (end[c] - start[c])).abs();
-                        let channel = usize::from(c == 3);
-                        let bulge = if channel == 0 { bulge } else { 0.0 };
-                        off[channel] = off[channel].max(difference + bulge);
-                    }
+        for index in first..=last {
+            let piece = pieces.piece(index);
+            let (low, high) = (piece.start.max(from), piece.end.min(to));
+            let bulge = 0.25 * piece.bend * (high - low).powi(2);
+            off[0] = off[0].max(piece.deviation);
+            let is_after = sharpest.is_some_and(|sharpest| index >= sharpest);
+            let line = if is_after {
+                [(corner, after), (to, end)]
+            } else {
+                [(from, start), (corner, before)]
+            };
+            for x in [low, high] {
+                let found = channels(piece, x);
+                for c in 0..4 {
+                    let difference = (found[c] - between(line, x)[c]).abs();
+                    let channel = usize::from(c == 3);
+                    let bulge = if channel == 0 { bulge } else { 0.0 };
+                    off[channel] = off[channel].max(difference + bulge);
                 }
             }
         }
         self.deviation.push(off);
     }
 
+    /// Adds the lines of a bin from `places[0]` to `places[2]` with a corner at `places[1]`, whose
+    /// ends are `ends`.
+    fn add_lines(&mut self, places: [f64; 3], ends: [[f64; 4]; 4], scales: [f64; 2]) {
+        let [from, corner, to] = places;
+        let width = to - from;
+        self.corners.push(if corner < to { ((corner - from) / width) as f32 } else { NO_CORNER });
+        let [start, before, after, end] = ends;
+        for line in [[(from, start), (corner, before)], [(corner, after), (to, end)]] {
+            let is_empty = line[0].0 >= line[1].0;
+            let at = |x: f64| if is_empty { line[1].1 } else { between(line, x) };
+            let (start, end) = (at(from), at(to));
+            self.lines.push(std::array::from_fn(|n| {
+                let c = n % 4;
+                let value = if n < 4 { start[c] } else { end[c] - start[c] };
+                (value / scales[usize::from(c == 3)]) as f32
+            }));
+        }
+    }
+
     /// Largest difference of emission (radiance / code length) and extinction (1 / code length) to
-    /// the lines', for x in [`low`, `high`].
+    /// the table's, for x in [`low`, `high`].
     pub(super) fn deviation(&self, low: f64, high: f64) -> [f64; 2] {
-        let line = |x: f64| (x.clamp(0.0, 1.0) * LINES as f64) as usize;
-        // Rounding to f32 may choose the line beside.
-        let (first, last) = (line(low).saturating_sub(1), (line(high) + 1).min(LINES));
+        let bin = |x: f64| (x.clamp(0.0, 1.0) * BINS as f64) as usize;
+        // Rounding to f32 may choose the bin beside.
+        let (first, last) = (bin(low).saturating_sub(1), (bin(high) + 1).min(BINS));
         let (from, to) = (first.div_ceil(BLOCK), (last + 1) / BLOCK);
         if from >= to {
             return largest(&self.deviation[first..=last]);
@@ -195,6 +234,12 @@ pub(super) fn two_halves(values: [f64; 2]) -> u32 {
 fn channels(piece: &Piece, x: f64) -> [f64; 4] {
     let [r, g, b] = piece.emission(x);
     [r, g, b, piece.extinction(x)]
+}
+
+/// The line through two places at `x`.
+fn between([(from, start), (to, end)]: [(f64, [f64; 4]); 2], x: f64) -> [f64; 4] {
+    let share = if to > from { (x - from) / (to - from) } else { 0.0 };
+    std::array::from_fn(|c| start[c] + share * (end[c] - start[c]))
 }
 
 fn largest(of: &[[f64; 2]]) -> [f64; 2] {
@@ -228,8 +273,9 @@ mod tests {
                 let pieces = TransferPieces::new(&transfer, |_| 0.0);
                 TransferTable::new(&pieces.all, &pieces.merged)
             };
-            let place = (x as f32).clamp(0.0, 1.0) * TransferTable::LINES;
-            let (line, rest) = (place as usize, place.fract());
+            let place = (x as f32).clamp(0.0, 1.0) * TransferTable::BINS;
+            let (bin, rest) = (place as usize, place.fract());
+            let line = 2 * bin + usize::from(table.corners[bin] <= rest);
             let [emission, extinction] = table.deviation(x - width, x + width);
             let [alone, _] = table.deviation(x, x);
             prop_assert!(alone <= emission && emission < 2e-33);

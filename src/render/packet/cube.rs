@@ -37,7 +37,12 @@ impl<L: Lanes> Cube<L> {
         let twist = l.sub(l.sub(d, c), l.sub(b, a));
         let (upper, zero) = (l.add(lower, twist), l.splat(0.0));
         let yz = l.max(distance(l, lower, zero), distance(l, upper, zero));
-        Bend { second: l.add(l.add(xy, xz), yz), third: distance(l, twist, zero), fourth: zero, kink: zero }
+        Bend {
+            second: l.add(l.add(xy, xz), yz),
+            third: distance(l, twist, zero),
+            fourth: zero,
+            kink: zero,
+        }
     }
 
     /// The interpolant at `u`.

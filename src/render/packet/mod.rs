@@ -55,6 +55,8 @@ pub(super) struct Ground<'g> {
     pub(super) rates: &'g [u32],
     /// The same of what lies beneath the brick; empty where nothing does.
     pub(super) levels: &'g [u32],
+    /// The same of stored values; empty where that is little.
+    pub(super) storages: &'g [u32],
     /// Groups along an edge.
     pub(super) groups: usize,
     pub(super) table: &'g TransferTable,
@@ -90,10 +92,11 @@ pub(super) struct Packet {
     /// Optical depth passed.
     pub(super) depth: Row,
     /// ∫ T dt, and what is off as [`crate::render::ray_error::Sums`] have it, per unit of t: by the
-    /// march, and by levels.
+    /// march, by levels, and by storage.
     pub(super) lit: Row,
     pub(super) off: [Row; 3],
     pub(super) levels: [Row; 3],
+    pub(super) stored: [Row; 3],
     /// Parts of cells passed by all.
     pub(super) count: u64,
 }
@@ -114,6 +117,7 @@ impl Packet {
             lit: Row::ZERO,
             off: [Row::ZERO; 3],
             levels: [Row::ZERO; 3],
+            stored: [Row::ZERO; 3],
             count: 0,
         }
     }
@@ -131,12 +135,13 @@ impl Packet {
         self.lit = Row::ZERO;
         self.off = [Row::ZERO; 3];
         self.levels = [Row::ZERO; 3];
+        self.stored = [Row::ZERO; 3];
     }
 
     /// A lane's sums are nothing again.
     pub(super) fn clear_lane(&mut self, lane: usize) {
         let sums = self.light.iter_mut().chain(&mut self.off).chain(&mut self.levels);
-        for row in sums.chain([&mut self.depth, &mut self.lit]) {
+        for row in sums.chain(&mut self.stored).chain([&mut self.depth, &mut self.lit]) {
             row.0[lane % MOST_LANES] = 0.0;
         }
     }
@@ -230,11 +235,12 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
         let lit = l.sub(sums.lit, before);
         sums.off = add_off::<L, ABSORBS>(l, sums.off, [emission_off, extinction_off], lit, way);
         if !ground.levels.is_empty() {
-            let bits = l.gather_bits(ground.levels, group);
-            let emission_off = l.select(active, l.upper_half(bits), zero);
-            let extinction_off = l.select(active, l.lower_half(bits), zero);
-            let rates = [emission_off, extinction_off];
+            let rates = rates_at(l, ground.levels, group, active);
             sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, lit, way);
+        }
+        if !ground.storages.is_empty() {
+            let rates = rates_at(l, ground.storages, group, active);
+            sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, lit, way);
         }
         walk.t = l.select(active, next, walk.t);
         active = l.and(active, is_less(l, next, walk.end));
@@ -244,6 +250,13 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
     walk.store(packet);
     packet.active = l.bits(stopped);
     packet.count += count;
+}
+
+/// What emission and extinction are off by in a group, in active lanes.
+#[inline(always)]
+fn rates_at<L: Lanes>(l: L, rates: &[u32], group: L::Index, active: L::Mask) -> [L::Float; 2] {
+    let (bits, zero) = (l.gather_bits(rates, group), l.splat(0.0));
+    [l.select(active, l.upper_half(bits), zero), l.select(active, l.lower_half(bits), zero)]
 }
 
 /// Adds what is off over `way`, of which `lit` is seen.

@@ -29,6 +29,7 @@ pub(super) struct Sums<L: Lanes> {
     pub(super) lit: L::Float,
     pub(super) off: [L::Float; 3],
     pub(super) levels: [L::Float; 3],
+    pub(super) stored: [L::Float; 3],
 }
 
 /// What holds for rays all the way through a brick.
@@ -67,6 +68,7 @@ impl<L: Lanes> Sums<L> {
             lit: l.load(&packet.lit),
             off: load(l, &packet.off),
             levels: load(l, &packet.levels),
+            stored: load(l, &packet.stored),
         }
     }
 
@@ -75,6 +77,7 @@ impl<L: Lanes> Sums<L> {
         store(l, &self.light, &mut packet.light);
         store(l, &self.off, &mut packet.off);
         store(l, &self.levels, &mut packet.levels);
+        store(l, &self.stored, &mut packet.stored);
         l.store(self.depth, &mut packet.depth);
         l.store(self.lit, &mut packet.lit);
     }
@@ -195,10 +198,13 @@ impl<L: Lanes> Sums<L> {
 #[inline(always)]
 fn shade<L: Lanes, const ABSORBS: bool>(l: L, table: &TransferTable, x: L::Float) -> [L::Float; 4] {
     let inside = l.min(l.max(x, l.splat(0.0)), l.splat(1.0));
-    let place = l.mul(inside, l.splat(TransferTable::LINES));
-    let line = l.index(place);
-    let rest = l.sub(place, l.floor(place));
-    let row = l.gather_row(&table.lines, line);
+    let place = l.mul(inside, l.splat(TransferTable::BINS));
+    let bin = l.floor(place);
+    let rest = l.sub(place, bin);
+    let corner = l.gather(&table.corners, l.index(bin), 0);
+    let is_after = l.is_at_most(corner, rest);
+    let line = l.fma(bin, l.splat(2.0), l.select(is_after, l.splat(1.0), l.splat(0.0)));
+    let row = l.gather_row(&table.lines, l.index(line));
     let mut channels = [l.splat(0.0); 4];
     for c in 0..if ABSORBS { 4 } else { 3 } {
         channels[c] = l.fma(rest, row[4 + c], row[c]);
