@@ -108,6 +108,10 @@ pub(super) struct Grades {
     /// As [`super::packet::Ground`] has them.
     pub(super) rates: Vec<u32>,
     pub(super) levels: Vec<u32>,
+    pub(super) reliefs: Vec<[f32; 8]>,
+    pub(super) reach: f32,
+    /// Whether rays of squares wider than a cell may go through.
+    pub(super) is_fit_for_wide: bool,
     pub(super) parts: u32,
     /// As [`Care::share_of_cell`] has it.
     pub(super) share: f64,
@@ -123,9 +127,9 @@ impl Grades {
     /// corner.
     pub(super) fn fill(
         &mut self,
-        relief: &Relief,
-        hides: bool,
+        (relief, hides): (&Relief, bool),
         (diagonal, care): (f64, Care),
+        has_squares: bool,
         transfer: &PacketTransfer,
     ) {
         let reach = if hides { relief.levels_reach } else { 0.0 };
@@ -148,7 +152,20 @@ impl Grades {
             let levels = (0..count).map(|n| pack(relief.group(n).levels, &transfer.table));
             self.levels.extend(levels);
         }
+        self.reliefs.clear();
+        if has_squares {
+            self.reliefs.extend((0..count).map(|n| row(relief.group(n))));
+            self.reliefs.push(row(&relief.whole));
+            self.reach = ((reach + relief.whole.storage) as f32).next_up();
+            self.is_fit_for_wide = grader.smoothness_of(&relief.whole).is_some();
+        }
     }
+}
+
+/// As [`super::packet::Ground::reliefs`] has it.
+fn row(group: &Group) -> [f32; 8] {
+    let ([x, y, z], [p, q, r]) = (group.slope, group.uneven);
+    [x, y, z, p, q, r, group.high - group.low, 0.0].map(|value| (value as f32).next_up())
 }
 
 struct Grader<'g> {
@@ -159,16 +176,17 @@ struct Grader<'g> {
 }
 
 impl Grader<'_> {
-    fn grade(&self, group: &Group) -> u32 {
-        if group.low > group.high || group.has_void {
-            return UNFIT;
-        }
+    /// What the transfer function does over a group, if that is smooth and without void.
+    fn smoothness_of(&self, group: &Group) -> Option<Smoothness> {
         let reach = self.reach + group.storage;
-        let smoothness =
-            self.transfer.close.merged.smoothness(group.low - reach, group.high + reach);
-        if smoothness.steps {
-            return UNFIT;
-        }
+        let close = &self.transfer.close.merged;
+        let is_full = group.low <= group.high && !group.has_void;
+        let smoothness = is_full.then(|| close.smoothness(group.low - reach, group.high + reach));
+        smoothness.filter(|smoothness| !smoothness.steps)
+    }
+
+    fn grade(&self, group: &Group) -> u32 {
+        let Some(smoothness) = self.smoothness_of(group) else { return UNFIT };
         let off = self.off(group, &smoothness);
         let most = self.allowed(&smoothness).times(FITTING);
         let is_fit = off.emission <= most.emission && off.extinction <= most.extinction;

@@ -3,8 +3,10 @@
 use proptest::prelude::*;
 
 use super::frame::{Footprint, Frame};
+use super::grade::{Care, PacketTransfer};
 use super::interpolant::DrawnNeighbours;
 use super::march::{Light, Passage, Region, march};
+use super::march_packets::{Packets, Passenger, Rays};
 use super::march_tests::{shells, smooth, steps, transfer};
 use super::ray_error::RayError;
 use super::ray_state::{Ending, RayState};
@@ -14,6 +16,7 @@ use super::scaled::ScaledBrick;
 use super::test_data::{TestData, linear, rough};
 use super::tile::{beam, meets};
 use super::transfer_pieces::TransferPieces;
+use super::transfer_table::TransferTable;
 use super::view::View;
 use crate::scene::{Interpolation, Rounding, Scene, TransferFunction};
 
@@ -29,24 +32,34 @@ struct Part {
 }
 
 /// Bricks before a camera, front to back.
-struct Stage {
+struct Stage<'s> {
     grid: PixelGrid,
     parts: Vec<Part>,
-    transfer: TransferPieces,
-    longest: f64,
+    light: Light<'s>,
+    brightest: f64,
 }
 
-impl Stage {
+/// How a square's ray is marched.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Way {
+    WithoutAccount,
+    Alone,
+    InPackets,
+}
+
+/// What light may be off by for the march of packets.
+const ALLOWED: f64 = 1e-2;
+
+impl<'s> Stage<'s> {
     /// One brick, as if the domain ended at its faces; or all of a domain with one level.
     fn new(
         data: &TestData,
         (level, bricks): (u32, &[[i128; 3]]),
         scene: &Scene,
-        transfer: &TransferFunction,
+        (function, transfer): (&TransferFunction, &'s TransferPieces),
         interpolation: Interpolation,
     ) -> Self {
         let view = View::new(scene, &data.domain).unwrap();
-        let transfer = TransferPieces::new(transfer, |_| 0.0);
         let eye = data.domain.position(&scene.camera.position).unwrap();
         let eye = data.domain.cell_of(level as i32, &eye).map(|c| c.div_euclid(EDGE));
         let mut order = bricks.to_vec();
@@ -69,18 +82,22 @@ impl Stage {
         let size =
             data.domain.difference(&data.domain.upper(), &data.domain.cell_corner(0, [0; 3]));
         let grid = PixelGrid::new(&view, scene.render.samples);
-        Self { grid, parts, transfer, longest: size.length() }
+        let longest = size.length();
+        let brightest = transfer.brightest().min(transfer.largest_emission() * longest);
+        let close = TransferPieces::new(function, |_| 0.01 * ALLOWED / longest);
+        let table = TransferTable::new(&transfer.all, &close.merged);
+        let allowed = Some(ALLOWED);
+        let packets = Some(PacketTransfer { table, close, allowed, longest, behind: 1.0 });
+        let ending = Ending::new(brightest, 0.0);
+        let light = Light { pieces: &transfer.all, ending, packets };
+        Self { grid, parts, light, brightest }
     }
 
-    fn brightest(&self) -> f64 {
-        self.transfer.brightest().min(self.transfer.largest_emission() * self.longest)
-    }
-
-    /// What the square's ray gathers, and its account if asked for.
-    fn gather(&self, square: &Square, accounts: bool) -> (RayState, RayError) {
-        let (mut state, mut error) = (RayState::default(), RayError::default());
-        let ending = Ending::new(self.brightest(), 0.0);
-        let light = Light { pieces: &self.transfer.all, ending, packets: None };
+    /// What the square's ray gathers, and its account.
+    fn gather(&self, square: &Square, way: Way) -> (RayState, RayError) {
+        let (mut states, mut errors) = ([RayState::default()], [RayError::default()]);
+        let mut packets = Packets::new();
+        let light = &self.light;
         let (plane, half) = (self.grid.plane(square), self.grid.half(square));
         for Part { brick, region, frame, footprint } in &self.parts {
             if !meets(footprint, plane, half) {
@@ -91,35 +108,63 @@ impl Stage {
             let beam = beam(frame, &ray, half, covered);
             let passage =
                 Passage { brick, region: *region, drawn: DrawnNeighbours::ALL, hides: false };
-            let account = accounts.then_some((&mut error, &beam));
-            march(&passage, &ray, &light, &mut state, account);
+            let cells = (frame.cell_width.length(), Care::Rough);
+            if way == Way::InPackets && packets.enter(&passage, light, cells, true) {
+                let mut film = Rays { states: &mut states, errors: &mut errors };
+                let passenger = Passenger { index: 0, ray, beam: Some(beam) };
+                packets.march(&passage, light, &[passenger], &mut film);
+            } else {
+                let account = (way != Way::WithoutAccount).then_some((&mut errors[0], &beam));
+                march(&passage, &ray, light, &mut states[0], account);
+            }
         }
-        (state, error)
+        (states[0], errors[0])
     }
 
     /// Compares the square's centre with [`RAYS`]² rays of it.
     fn check(&self, square: &Square) -> Result<(), TestCaseError> {
-        let (state, error) = self.gather(square, true);
-        let centre = channels(&state);
-        let (light, opacity, brightest) = (state.light(), state.opacity(), self.brightest());
-        // Of light, and of opacity, whose own light is never brighter than 1.
-        let farthest = error.off_by(error.farthest, light, brightest).max(error.farthest.dimmed);
-        let area = error.shares(light, opacity, brightest, 0.0).pixel_area;
-        let (mut mean, mut worst) = ([0.0; 4], 0.0_f64);
+        let (mut mean, mut others) = ([0.0; 4], Vec::new());
         let width = 2.0 * square.half();
         for n in 0..RAYS * RAYS {
             let off = [n % RAYS, n / RAYS]
                 .map(|i| ((f64::from(i) + 0.5) / f64::from(RAYS) - 0.5) * width);
             let centre_of = [square.centre[0] + off[0], square.centre[1] + off[1]];
-            let (other, _) = self.gather(&Square { centre: centre_of, ..*square }, false);
+            let (other, _) =
+                self.gather(&Square { centre: centre_of, ..*square }, Way::WithoutAccount);
             for (c, value) in channels(&other).into_iter().enumerate() {
                 mean[c] += value / f64::from(RAYS * RAYS);
-                worst = worst.max((value - centre[c]).abs());
+                others.push(value);
             }
         }
-        let rounding = 1e-9 * (1.0 + light);
+        for way in [Way::Alone, Way::InPackets] {
+            self.compare(self.gather(square, way), &mean, &others)?;
+        }
+        Ok(())
+    }
+
+    /// Compares the square's centre with other rays of it, channel by channel, and with their mean.
+    fn compare(
+        &self,
+        (state, error): (RayState, RayError),
+        mean: &[f64; 4],
+        others: &[f64],
+    ) -> Result<(), TestCaseError> {
+        let (centre, brightest) = (channels(&state), self.brightest);
+        let (light, opacity) = (state.light(), state.opacity());
+        // Of light, and of opacity, whose own light is never brighter than 1.
+        let farthest = error.off_by(error.farthest, light, brightest).max(error.farthest.dimmed);
+        let shares = error.shares(light, opacity, brightest, 0.0);
+        let apart = |(n, value): (usize, &f64)| (value - centre[n % 4]).abs();
+        let worst = others.iter().enumerate().map(apart).fold(0.0, f64::max);
+        let rounding = 1e-9 * (1.0 + light) + shares.quadrature;
         prop_assert!(worst <= farthest + rounding, "farthest {worst:e}, not {farthest:e}");
         let off = (0..4).map(|c| (mean[c] - centre[c]).abs()).fold(0.0, f64::max);
+            println!(
+                "R {} {:e} {:e} {:e} {:e}",
+                0, error.farthest.emission, error.uneven.emission, worst, shares.pixel_area
+            );
+        }
+        let area = shares.pixel_area;
         prop_assert!(off <= area + rounding, "mean {off:e}, not {area:e}");
         Ok(())
     }
@@ -200,7 +245,10 @@ proptest! {
         let off = std::array::from_fn(|a| off[a] * width.max_element());
         let flat = is_flat.then(|| width.max_element() * 1.5);
         let scene = camera(target, off, fov, flat);
-        let stage = Stage::new(&data, (level, &[at]), &scene, &media(medium), interpolation);
+        let function = media(medium);
+        let transfer = TransferPieces::new(&function, |_| 0.0);
+        let media = (&function, &transfer);
+        let stage = Stage::new(&data, (level, &[at]), &scene, media, interpolation);
         for square in squares {
             stage.check(&square)?;
         }
@@ -219,7 +267,10 @@ proptest! {
         let bricks: Vec<[i128; 3]> =
             (0..12).map(|n| [n % 3, n / 3 % 2, n / 6]).collect();
         let scene = camera([1.0, 0.5, 1.5], off, fov, None);
-        let stage = Stage::new(&data, (0, &bricks), &scene, &media(medium), interpolation);
+        let function = media(medium);
+        let transfer = TransferPieces::new(&function, |_| 0.0);
+        let media = (&function, &transfer);
+        let stage = Stage::new(&data, (0, &bricks), &scene, media, interpolation);
         for square in squares {
             stage.check(&square)?;
         }

@@ -71,6 +71,22 @@ pub(super) struct Beam {
     pub(super) covered: f64,
 }
 
+impl Passage<'_> {
+    /// What of the brick is drawn, within it.
+    pub(super) fn inside(&self) -> Region {
+        let mut region = self.region.within(self.brick.edge);
+        if self.brick.is_piecewise_constant() {
+            // Values do not meet at the brick's faces either.
+            region.ends = ALL_FACES;
+        }
+        region
+    }
+}
+
+/// How far the rays of a square are from its centre's in a brick: up to so many cells along each
+/// axis; and half the square's diagonal as an angle.
+pub(super) type Spread = ([f64; 3], f64);
+
 /// Adds to `state` what `ray` gathers in a brick, front to back, and to `account` what of it may
 /// be wrong. Returns the number of stretches integrated. Bricks come front to back.
 pub(super) fn march(
@@ -80,58 +96,75 @@ pub(super) fn march(
     state: &mut RayState,
     account: Option<(&mut RayError, &Beam)>,
 ) -> u64 {
-    let Some((error, beam)) = account else { return march_brick(passage, ray, light, state, None) };
+    let region = passage.inside();
+    let span = clip(ray, region.lo, region.hi);
+    let Some((error, beam)) = account.filter(|_| !passage.brick.relief.is_empty()) else {
+        let ledger = &mut None;
+        return span.map_or(0, |span| march_through(passage, (ray, span), light, state, ledger));
+    };
     let before = *error;
-    let count = march_brick(passage, ray, light, state, Some((&mut *error, beam)));
-    if beam.spread != [0.0; 3] {
-        error.multiply(&before);
+    let spread = arrive(passage, ray, (&region, span), beam, (state, error));
+    let mut count = 0;
+    if let Some(span) = span {
+        let ledger = Ledger::new(&passage.brick.relief, error, passage.hides, spread);
+        count = march_through(passage, (ray, span), light, state, &mut Some(ledger));
     }
+    leave(span, beam, state, (error, &before));
     count
 }
 
-fn march_brick(
+fn march_through(
     passage: &Passage<'_>,
-    ray: &LocalRay,
+    (ray, span): (&LocalRay, (f64, f64)),
     light: &Light<'_>,
     state: &mut RayState,
-    account: Option<(&mut RayError, &Beam)>,
+    ledger: &mut Option<Ledger<'_>>,
 ) -> u64 {
-    let mut region = passage.region.within(passage.brick.edge);
+    let mut integrator = Integrator::new(light.pieces, &light.ending, ledger.is_some(), state);
+    let region = passage.inside();
     if passage.brick.is_piecewise_constant() {
-        // Values do not meet at the brick's faces either.
-        region.ends = ALL_FACES;
-    }
-    let span = clip(ray, region.lo, region.hi);
-    let (mut ledger, beam) = match account.filter(|_| !passage.brick.relief.is_empty()) {
-        None => (None, None),
-        Some((error, beam)) => {
-            let depth = if ray.sigma_min.is_finite() {
-                (beam.depth + farthest(ray, &region, beam, span)).max(0.0)
-            } else {
-                1.0
-            };
-            let spread = beam.spread.map(|spread| spread * depth);
-            let relief = &passage.brick.relief;
-            let mut ledger = Ledger::new(relief, error, passage.hides, (spread, beam.angle));
-            if ledger.is_spread() {
-                look_beside(&mut ledger, ray, &region, beam, span, state);
-            }
-            (Some(ledger), Some(beam))
-        }
-    };
-    let Some(span) = span else { return 0 };
-    let accounts = ledger.is_some();
-    let mut integrator = Integrator::new(light.pieces, &light.ending, accounts, state);
-    if passage.brick.is_piecewise_constant() {
-        march_cells(passage.brick, &region, ray, span, &mut integrator, &mut ledger);
+        march_cells(passage.brick, &region, ray, span, &mut integrator, ledger);
     } else {
-        march_linear(passage, &region, ray, span, &mut integrator, &mut ledger);
+        march_linear(passage, &region, ray, span, &mut integrator, ledger);
     }
-    let count = integrator.count;
-    if let Some(beam) = beam {
-        state.mark(beam.depth + span.1 + rounding(beam.depth, span.1));
+    integrator.count
+}
+
+/// A ray comes to a brick, of which it meets `span` or nothing: adds what the rays of its square
+/// see beside it. Returns how far these are.
+pub(super) fn arrive(
+    passage: &Passage<'_>,
+    ray: &LocalRay,
+    (region, span): (&Region, Option<(f64, f64)>),
+    beam: &Beam,
+    (state, error): (&RayState, &mut RayError),
+) -> Spread {
+    let depth = if ray.sigma_min.is_finite() {
+        (beam.depth + farthest(ray, region, beam, span)).max(0.0)
+    } else {
+        1.0
+    };
+    let spread = (beam.spread.map(|spread| spread * depth), beam.angle);
+    let mut ledger = Ledger::new(&passage.brick.relief, error, passage.hides, spread);
+    if ledger.is_spread() {
+        look_beside(&mut ledger, ray, region, beam, span, state);
     }
-    count
+    spread
+}
+
+/// A ray has come through `span` of a brick, when its account was as `before`.
+pub(super) fn leave(
+    span: Option<(f64, f64)>,
+    beam: &Beam,
+    state: &mut RayState,
+    (error, before): (&mut RayError, &RayError),
+) {
+    if let Some((_, to)) = span {
+        state.mark(beam.depth + to + rounding(beam.depth, to));
+    }
+    if beam.spread != [0.0; 3] {
+        error.multiply(before);
+    }
 }
 
 /// σ of the farthest place at which rays of the square may be in the region.

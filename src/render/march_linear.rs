@@ -28,18 +28,7 @@ pub(super) fn march_linear(
         if integrator.is_faded() {
             break;
         }
-        let kind = pass_dual_cell((brick, drawn), ray, &step, &mut rungs, integrator, ledger);
-        if let Some(ledger) = ledger
-            && ledger.is_spread()
-        {
-            let touch = Touch::new(ray, &step, 0.5, ledger.spread());
-            let (touching, beyond) = if ledger.is_wide() {
-                (1.0, [0.0; 3])
-            } else {
-                (touching(&touch, brick, &step, kind), beyond(&touch))
-            };
-            ledger.leave(touching, beyond, integrator);
-        }
+        pass_dual_cell((brick, drawn), ray, &step, &mut rungs, integrator, ledger);
     }
     if let Some(ledger) = ledger {
         ledger.close(integrator);
@@ -61,7 +50,7 @@ impl DualRange {
     }
 }
 
-/// The way through one dual cell. Returns its [`dual`] kind.
+/// The way through one dual cell.
 #[inline]
 pub(super) fn pass_dual_cell(
     (brick, drawn): (&ScaledBrick, DrawnNeighbours),
@@ -70,7 +59,7 @@ pub(super) fn pass_dual_cell(
     rungs: &mut Vec<Rung>,
     integrator: &mut Integrator<'_>,
     ledger: &mut Option<Ledger<'_>>,
-) -> u8 {
+) {
     let kind = kind(brick, step.cell, drawn);
     if let Some(ledger) = ledger {
         ledger.enter(step.cell, integrator);
@@ -80,7 +69,17 @@ pub(super) fn pass_dual_cell(
         dual::MIXED | dual::BLENDED => march_mixed(brick, drawn, ray, step, rungs, integrator),
         _ => {}
     }
-    kind
+    if let Some(ledger) = ledger
+        && ledger.is_spread()
+    {
+        let touch = Touch::new(ray, step, 0.5, ledger.spread());
+        let (touching, beyond) = if ledger.is_wide() {
+            (1.0, [0.0; 3])
+        } else {
+            (touching(&touch, brick, step, kind), beyond(&touch))
+        };
+        ledger.leave(touching, beyond, integrator);
+    }
 }
 
 /// The share of a stretch along which rays of the square may be beyond the brick's face, or

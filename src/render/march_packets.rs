@@ -7,9 +7,9 @@ use super::grade::{Care, Grades, PacketTransfer};
 use super::interpolant::DrawnNeighbours;
 use super::lanes::{BYTE_PADDING, MOST_LANES, Width};
 use super::ledger::Ledger;
-use super::march::{Light, Passage, Region};
+use super::march::{Beam, Light, Passage, Region, Spread, arrive, leave, march};
 use super::march_linear::{DualRange, kind, pass_dual_cell};
-use super::packet::{Ground, MOST_PARENTS, March, Packet, Parents, UNFIT};
+use super::packet::{Ground, MOST_PARENTS, March, Packet, Parents, SLACK, UNFIT};
 use super::ray_error::{Change, RayError, Sums};
 use super::ray_state::RayState;
 use super::relief::GROUP_EDGE;
@@ -51,14 +51,25 @@ struct Rider {
     unit: f64,
     /// t from which on the packet's sums are not the ray's yet.
     since: f64,
+    /// The square that it stands for, how far that is spread, and its account at the start.
+    beam: Option<Beam>,
+    spread: Spread,
+    before: RayError,
+}
+
+/// A ray that is to be marched: its number in its tile, and the square that it stands for if an
+/// account is kept.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Passenger {
+    pub(super) index: usize,
+    pub(super) ray: LocalRay,
+    pub(super) beam: Option<Beam>,
 }
 
 /// A tile's rays: what they have gathered, and what of it may be wrong.
 pub(super) struct Rays<'t> {
     pub(super) states: &'t mut [RayState],
     pub(super) errors: &'t mut [RayError],
-    /// Whether accounts are kept.
-    pub(super) accounts: bool,
 }
 
 /// A brick that packets march through.
@@ -72,6 +83,8 @@ struct Place<'p> {
     storage: Change,
     /// What a cell may be off by, in the picture's own unit.
     allowed: f64,
+    /// Whether rays of squares wider than a cell may go in packets.
+    takes_wide: bool,
 }
 
 impl Packets {
@@ -80,7 +93,9 @@ impl Packets {
     pub(super) const BYTES: u64 = {
         let duals = BrickShape::MOST_CELLS + 1;
         let groups = duals.div_ceil(GROUP_EDGE);
-        let known = 3 * size_of::<u32>() * groups.pow(3) + duals.pow(3) + BYTE_PADDING;
+        let known = (3 * size_of::<u32>() + size_of::<[f32; 8]>()) * (groups.pow(3) + 1)
+            + duals.pow(3)
+            + BYTE_PADDING;
         (2 * known + size_of::<Packet>() + 2 * MOST_LANES * size_of::<Rider>()) as u64
     };
 
@@ -104,13 +119,14 @@ impl Packets {
         self.width.count()
     }
 
-    /// Looks at a brick whose cells measure `diagonal` code lengths from corner to corner. Returns
-    /// whether packets may march through it.
+    /// Looks at a brick whose cells measure `diagonal` code lengths from corner to corner, for rays
+    /// that stand for squares if `has_squares`. Returns whether packets may march through it.
     pub(super) fn enter(
         &mut self,
         passage: &Passage<'_>,
         light: &Light<'_>,
         (diagonal, care): (f64, Care),
+        has_squares: bool,
     ) -> bool {
         let Passage { brick, drawn, hides, .. } = *passage;
         let Some(transfer) = &light.packets else { return false };
@@ -122,7 +138,7 @@ impl Packets {
         {
             return false;
         }
-        self.grades.fill(&brick.relief, hides, (diagonal, care), transfer);
+        self.grades.fill((&brick.relief, hides), (diagonal, care), has_squares, transfer);
         self.kinds.clear();
         if self.grades.fit == 0 {
             return false;
@@ -137,23 +153,24 @@ impl Packets {
         true
     }
 
-    /// Marches rays through the brick that was entered last: those of the tile's numbers
-    /// `indices`, at most [`Self::count`]. Returns the number of stretches integrated.
+    /// Marches rays, at most [`Self::count`], through the brick that was entered last. Returns the
+    /// number of stretches integrated.
     pub(super) fn march(
         &mut self,
         passage: &Passage<'_>,
         light: &Light<'_>,
-        rays: impl Iterator<Item = (usize, LocalRay)>,
+        rays: &[Passenger],
         film: &mut Rays<'_>,
     ) -> u64 {
         let Some(transfer) = &light.packets else { return 0 };
-        let region = passage.region.within(passage.brick.edge);
+        let region = passage.inside();
         let range = DualRange::of(&region);
         let storage = self.grades.storage;
         let allowed = transfer.allowed.map_or(f64::INFINITY, |allowed| allowed * self.grades.share);
-        let place = Place { passage, region, range, light, transfer, storage, allowed };
+        let takes_wide = self.grades.is_fit_for_wide;
+        let place = Place { passage, region, range, light, transfer, storage, allowed, takes_wide };
         let cabin = &mut self.cabin;
-        cabin.board(&place, rays.take(self.width.count()), film);
+        let mut single = cabin.board(&place, rays, film);
         let whole = &passage.brick.relief.whole;
         let kinds = if self.kinds.is_empty() { &passage.brick.duals } else { &self.kinds };
         let ground = Ground {
@@ -168,13 +185,14 @@ impl Packets {
             rates: &self.grades.rates,
             levels: &self.grades.levels,
             storages: &self.grades.storages,
+            reliefs: &self.grades.reliefs,
+            reach: self.grades.reach,
             groups: passage.brick.relief.side(),
             table: &transfer.table,
             kinks: transfer.table.bends.between(whole.low, whole.high),
             parts: self.grades.parts,
             darkening: transfer.darkening(),
         };
-        let mut single = 0;
         while cabin.packet.active != 0 {
             for blended in [false, true] {
                 cabin.go(&ground, self.width, blended);
@@ -188,25 +206,41 @@ impl Packets {
         }
         for lane in 0..cabin.riders.len() {
             cabin.settle(&place, lane, film);
+            cabin.alight(lane, film);
         }
         cabin.packet.count + single
     }
 }
 
 impl Cabin {
-    /// Takes in rays that meet the brick.
-    fn board(
-        &mut self,
-        place: &Place<'_>,
-        rays: impl Iterator<Item = (usize, LocalRay)>,
-        film: &Rays<'_>,
-    ) {
+    /// Takes in rays that meet the brick; those that may not go in packets are marched at once.
+    /// Returns for how many stretches.
+    fn board(&mut self, place: &Place<'_>, rays: &[Passenger], film: &mut Rays<'_>) -> u64 {
         let packet = &mut self.packet;
         self.riders.clear();
         (packet.active, packet.count) = (0, 0);
         packet.clear_sums();
-        for (index, ray) in rays {
-            let Some(span) = clip(&ray, place.region.lo, place.region.hi) else { continue };
+        let mut single = 0;
+        for &Passenger { index, ray, beam } in rays {
+            let span = clip(&ray, place.region.lo, place.region.hi);
+            let (state, error) = (&mut film.states[index], &mut film.errors[index]);
+            let before = *error;
+            let mut spread = ([0.0; 3], 0.0);
+            if let Some(beam) = &beam {
+                let region = (&place.region, span);
+                spread = arrive(place.passage, &ray, region, beam, (state, error));
+                let is_wide = spread.0.iter().any(|spread| *spread > 1.0 - f64::from(SLACK));
+                if is_wide && !place.takes_wide {
+                    *error = before;
+                    let account = Some((error, beam));
+                    single += march(place.passage, &ray, place.light, state, account);
+                    continue;
+                }
+                if span.is_none() {
+                    leave(span, beam, state, (error, &before));
+                }
+            }
+            let Some(span) = span else { continue };
             let lane = self.riders.len();
             let unit = ray.direction.abs().max_element().recip();
             let origin = ray.origin + ray.direction * span.0 + 0.5;
@@ -221,11 +255,26 @@ impl Cabin {
             packet.end.0[lane] = ((span.1 - span.0) / unit) as f32;
             let length = ray.length * unit;
             packet.thickness.0[lane] = (length * place.transfer.table.extinction) as f32;
-            let seen = film.states[index].transmittance * length;
+            let seen = state.transmittance * length;
             let allowed = place.allowed / (seen * place.transfer.table.emission);
             packet.allowed.0[lane] = allowed.min(f64::from(f32::MAX)) as f32;
             packet.active |= 1 << lane;
-            self.riders.push(Rider { index, ray, span, unit, since: 0.0 });
+            for a in 0..3 {
+                packet.spread[a].0[lane] =
+                    if beam.is_some() { spread.0[a] as f32 + SLACK } else { 0.0 };
+            }
+            packet.turn.0[lane] = (2.0 * spread.1) as f32;
+            self.riders.push(Rider { index, ray, span, unit, since: 0.0, beam, spread, before });
+        }
+        single
+    }
+
+    /// A ray has left the brick.
+    fn alight(&self, lane: usize, film: &mut Rays<'_>) {
+        let Rider { index, span, beam, before, .. } = &self.riders[lane];
+        if let Some(beam) = beam {
+            let (state, error) = (&mut film.states[*index], &mut film.errors[*index]);
+            leave(Some(*span), beam, state, (error, before));
         }
     }
 
@@ -252,7 +301,7 @@ impl Cabin {
         let seen = state.transmittance * length;
         let sum = |row: &super::lanes::Row| f64::from(row.0[lane]);
         let t = sum(&packet.t);
-        if film.accounts {
+        if rider.beam.is_some() {
             let error = &mut film.errors[rider.index];
             let sums = |[emission, dimmed, extinction]: [f64; 3]| Sums {
                 emission: emission * seen * table.emission * ROUNDED_UP,
@@ -262,6 +311,8 @@ impl Cabin {
             let march = sums(packet.off.each_ref().map(sum));
             error.march = error.march.plus(march);
             error.levels = error.levels.plus(sums(packet.levels.each_ref().map(sum)));
+            error.farthest = error.farthest.plus(sums(packet.farthest.each_ref().map(sum)));
+            error.uneven = error.uneven.plus(sums(packet.uneven.each_ref().map(sum)));
             let way = (t - rider.since) * length * ROUNDED_UP;
             let lit = sum(&packet.lit) * seen * ROUNDED_UP;
             let stored = sums(packet.stored.each_ref().map(sum));
@@ -288,9 +339,9 @@ impl Cabin {
         let relief = &passage.brick.relief;
         let state = &mut film.states[rider.index];
         let error = &mut film.errors[rider.index];
-        let mut ledger =
-            film.accounts.then(|| Ledger::new(relief, error, passage.hides, ([0.0; 3], 0.0)));
-        let mut integrator = Integrator::new(light.pieces, &light.ending, film.accounts, state);
+        let accounts = rider.beam.is_some();
+        let mut ledger = accounts.then(|| Ledger::new(relief, error, passage.hides, rider.spread));
+        let mut integrator = Integrator::new(light.pieces, &light.ending, accounts, state);
         let mut rungs = Vec::new();
         let goes_on = loop {
             if integrator.is_faded() {

@@ -7,8 +7,8 @@ use super::frame::LocalRay;
 use super::grade::{Care, PacketTransfer};
 use super::interpolant::DrawnNeighbours;
 use super::lanes::Width;
-use super::march::{Light, Passage, Region, march};
-use super::march_packets::{Packets, Rays};
+use super::march::{Beam, Light, Passage, Region, march};
+use super::march_packets::{Packets, Passenger, Rays};
 use super::march_tests::{shells, smooth, steps, transfer};
 use super::ray_error::RayError;
 use super::ray_state::{Ending, RayState};
@@ -36,6 +36,10 @@ fn surveyed(
     brick.survey(&pieces.all, &distance);
     brick
 }
+
+/// Of a ray that stands for itself alone.
+const ALONE: Beam =
+    Beam { spread: [0.0; 3], angle: 0.0, advance: [0.0; 3], depth: 0.0, covered: 1.0 };
 
 /// What packets, or single rays, find of `rays`.
 struct Found {
@@ -80,13 +84,15 @@ impl<'s> Setting<'s> {
         let mut packets = Packets::of(width);
         let mut states = vec![RayState::default(); rays.len()];
         let mut errors = vec![RayError::default(); rays.len()];
-        let is_fit = packets.enter(&self.passage, &self.light, (3.0_f64.sqrt() * WIDTH, care));
+        let is_fit =
+            packets.enter(&self.passage, &self.light, (3.0_f64.sqrt() * WIDTH, care), false);
         let mut samples = 0;
         let numbers: Vec<_> = (0..rays.len()).collect();
         for numbers in numbers.chunks(packets.count()).filter(|_| is_fit) {
-            let mut film = Rays { states: &mut states, errors: &mut errors, accounts: true };
-            let rays = numbers.iter().map(|n| (*n, rays[*n]));
-            samples += packets.march(&self.passage, &self.light, rays, &mut film);
+            let mut film = Rays { states: &mut states, errors: &mut errors };
+            let passenger = |n: &usize| Passenger { index: *n, ray: rays[*n], beam: Some(ALONE) };
+            let rays: Vec<_> = numbers.iter().map(passenger).collect();
+            samples += packets.march(&self.passage, &self.light, &rays, &mut film);
         }
         Found { states, errors, samples, is_fit }
     }

@@ -124,8 +124,7 @@ impl Sheet {
         self.rays = 0;
         self.group = None;
         self.waiting.clear();
-        let care = if grid.has_area() { Care::Exact } else { Care::Rough };
-        self.first = Some(Batch { squares, cut, care });
+        self.first = Some(Batch { squares, cut, care: Care::Rough });
     }
 
     /// The next rays to march; none when all pixels are known.

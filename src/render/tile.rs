@@ -7,7 +7,7 @@ use super::grade::Care;
 use super::interpolant::DrawnNeighbours;
 use super::lanes::MOST_LANES;
 use super::march::{Beam, Light, Passage, march};
-use super::march_packets::{Packets, Rays};
+use super::march_packets::{Packets, Passenger, Rays};
 use super::ray_error::{ErrorShares, RayError};
 use super::ray_state::RayState;
 use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
@@ -34,7 +34,7 @@ pub(super) struct Tile {
     starts: Vec<u16>,
     packets: Packets,
     /// Rays for the next packet, by number.
-    boarding: Vec<(usize, LocalRay)>,
+    boarding: Vec<Passenger>,
 }
 
 impl Tile {
@@ -142,9 +142,8 @@ impl Tile {
     ) -> u64 {
         let passage = Passage { brick, region: step.region, drawn, hides: step.hides };
         let diagonal = step.frame.cell_width.length();
-        if !grid.has_area() && self.packets.enter(&passage, light, (diagonal, care)) {
-            return self.draw_packets(step, &passage, light, accounts);
-        }
+        let has_squares = accounts && grid.has_area();
+        let in_packets = self.packets.enter(&passage, light, (diagonal, care), has_squares);
         let mut samples = 0;
         for row in step.pixels.rows() {
             let range = self.row(&step.pixels, row);
@@ -156,52 +155,33 @@ impl Tile {
                     continue;
                 }
                 let ray = step.frame.ray(plane);
-                let (state, error) = (&mut self.states[index], &mut self.errors[index]);
                 let beam = accounts.then(|| {
                     let covered = grid.covered(&step.footprint) / grid.weight(&self.squares[index]);
                     beam(&step.frame, &ray, half, covered)
                 });
-                samples += march(&passage, &ray, light, state, beam.as_ref().map(|b| (error, b)));
-                if state.is_done(&light.ending) {
-                    self.alive[index / 64] &= !(1 << (index % 64));
+                self.boarding.push(Passenger { index, ray, beam });
+                if !in_packets || self.boarding.len() == self.packets.count() {
+                    samples += self.depart(&passage, light, in_packets);
                 }
             }
         }
-        samples
-    }
-
-    /// As [`Self::draw`], in packets.
-    fn draw_packets(
-        &mut self,
-        step: &Step,
-        passage: &Passage<'_>,
-        light: &Light<'_>,
-        accounts: bool,
-    ) -> u64 {
-        let mut samples = 0;
-        for row in step.pixels.rows() {
-            let range = self.row(&step.pixels, row);
-            let mut at = range.start;
-            while let Some(index) = self.next_alive(at..range.end) {
-                at = index + 1;
-                let [plane, half] = self.planes[index];
-                if meets(&step.footprint, plane, half) {
-                    self.boarding.push((index, step.frame.ray(plane)));
-                }
-                if self.boarding.len() == self.packets.count() {
-                    samples += self.depart(passage, light, accounts);
-                }
-            }
-        }
-        samples + self.depart(passage, light, accounts)
+        samples + self.depart(&passage, light, in_packets)
     }
 
     /// Marches the rays that wait.
-    fn depart(&mut self, passage: &Passage<'_>, light: &Light<'_>, accounts: bool) -> u64 {
-        let mut film = Rays { states: &mut self.states, errors: &mut self.errors, accounts };
-        let samples = self.packets.march(passage, light, self.boarding.iter().copied(), &mut film);
-        for (index, _) in self.boarding.drain(..) {
-            if self.states[index].is_done(&light.ending) {
+    fn depart(&mut self, passage: &Passage<'_>, light: &Light<'_>, in_packets: bool) -> u64 {
+        let mut samples = 0;
+        if in_packets {
+            let mut film = Rays { states: &mut self.states, errors: &mut self.errors };
+            samples += self.packets.march(passage, light, &self.boarding, &mut film);
+        }
+        for Passenger { index, ray, beam } in self.boarding.drain(..) {
+            let state = &mut self.states[index];
+            if !in_packets {
+                let account = beam.as_ref().map(|beam| (&mut self.errors[index], beam));
+                samples += march(passage, &ray, light, state, account);
+            }
+            if state.is_done(&light.ending) {
                 self.alive[index / 64] &= !(1 << (index % 64));
             }
         }

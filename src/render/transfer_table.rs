@@ -41,14 +41,17 @@ pub(super) struct Bends {
     /// Where these steps are, and the sums behind each.
     steps: Vec<(f64, [f32; 4])>,
     /// Largest half second derivative of the emission, steepest slopes of emission and extinction
-    /// near [`Bends::BEND_SCALE`]'s places, and a filler; and anywhere.
+    /// near [`Bends::SCALES`]' places, and a filler; and anywhere.
     pub(super) near: Vec<[f32; 4]>,
     pub(super) anywhere: [f32; 4],
 }
 
-/// Parts of [0, 1] in which kinks are summed, and second derivatives looked at.
+/// Parts of [0, 1] in which kinks are summed.
 const KINK_PARTS: usize = 4096;
-const BEND_PARTS: usize = 64;
+/// And in which slopes and second derivatives are looked at, from fine to coarse.
+const NEAR_PARTS: [usize; 3] = [64, 16, 4];
+/// Places of a scale beyond its parts.
+const NEAR_ENDS: usize = 4;
 
 impl Bends {
     /// Place of x in the sums of kinks: that times x, plus `KINK_OFFSET`, from 0 to `KINK_LAST`.
@@ -57,11 +60,18 @@ impl Bends {
     pub(super) const KINK_SCALE: f32 = KINK_PARTS as f32;
     pub(super) const KINK_OFFSET: f32 = 1.0;
     pub(super) const KINK_LAST: f32 = KINK_PARTS as f32 + 2.0;
-    /// Place of x among the second derivatives, rounded down, for ranges that begin and end within
-    /// 1 / `BEND_SCALE` of x.
-    pub(super) const BEND_SCALE: f32 = BEND_PARTS as f32;
-    pub(super) const BEND_OFFSET: f32 = 2.0;
-    pub(super) const BEND_LAST: f32 = BEND_PARTS as f32 + 3.0;
+    /// Place of x among the slopes near it, for ranges that begin and end within 1 / scale of it:
+    /// that times x, plus `NEAR_OFFSET`, rounded down, from 0 to the scale plus `NEAR_LAST`; behind
+    /// as many others as `BASES` says.
+    pub(super) const SCALES: [f32; 3] =
+        [NEAR_PARTS[0] as f32, NEAR_PARTS[1] as f32, NEAR_PARTS[2] as f32];
+    pub(super) const BASES: [f32; 3] = [
+        0.0,
+        (NEAR_PARTS[0] + NEAR_ENDS) as f32,
+        (NEAR_PARTS[0] + NEAR_PARTS[1] + 2 * NEAR_ENDS) as f32,
+    ];
+    pub(super) const NEAR_OFFSET: f32 = 2.0;
+    pub(super) const NEAR_LAST: f32 = NEAR_ENDS as f32 - 1.0;
 
     /// Of `pieces`, relative to the scales of emission and extinction.
     fn new(pieces: &PieceList, scales: [f64; 2]) -> Self {
@@ -82,9 +92,9 @@ impl Bends {
             sum_of(&steps, |start| start < x)
         };
         let kinks = (0..KINK_PARTS + 4).map(below).collect();
-        let near = |place: usize| {
-            let x = (place as f64 - 2.0) / BEND_PARTS as f64;
-            let reach = 1.0 / BEND_PARTS as f64 + 1e-6;
+        let near = |parts: usize, place: usize| {
+            let x = (place as f64 - 2.0) / parts as f64;
+            let reach = 1.0 / parts as f64 + 1e-6;
             pieces.smoothness(x - reach, x + 2.0 * reach)
         };
         let row = |Smoothness { bend, slope, .. }: Smoothness| {
@@ -96,7 +106,10 @@ impl Bends {
         Self {
             kinks,
             steps,
-            near: (0..BEND_PARTS + 4).map(|place| row(near(place))).collect(),
+            near: NEAR_PARTS
+                .iter()
+                .flat_map(|parts| (0..parts + NEAR_ENDS).map(|place| row(near(*parts, place))))
+                .collect(),
             anywhere: row(pieces.smoothness(0.0, 1.0)),
         }
     }

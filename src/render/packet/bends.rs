@@ -26,6 +26,68 @@ pub(super) struct Off<L: Lanes> {
     pub(super) curved: L::Float,
     /// Its optical depth, at most.
     pub(super) depth: L::Float,
+    pub(super) seen: Seen<L>,
+}
+
+/// What x is along a part.
+#[derive(Clone, Copy)]
+pub(super) struct Seen<L: Lanes> {
+    /// Within `half` of `middle`.
+    pub(super) middle: L::Float,
+    pub(super) half: L::Float,
+    /// At most `off` from a straight line that rises so far.
+    pub(super) off: L::Float,
+    pub(super) rise: L::Float,
+}
+
+/// Largest half second derivative of the emission, steepest slopes of emission and extinction, and
+/// a filler, where x is within `half` of `middle`.
+#[inline(always)]
+pub(super) fn slopes_near<L: Lanes>(
+    l: L,
+    ground: &Ground<'_>,
+    middle: L::Float,
+    half: L::Float,
+) -> [L::Float; 4] {
+    let bends = &ground.table.bends;
+    let mut scale = l.splat(Bends::SCALES[0]);
+    let (mut base, mut fits) = (l.splat(0.0), l.mask(0));
+    for n in 0..Bends::SCALES.len() {
+        // From the coarsest on.
+        let n = Bends::SCALES.len() - 1 - n;
+        let this = l.splat(Bends::SCALES[n]);
+        let is_near = l.is_at_most(l.mul(half, this), l.splat(1.0));
+        scale = l.select(is_near, this, scale);
+        base = l.select(is_near, l.splat(Bends::BASES[n]), base);
+        if n + 1 == Bends::SCALES.len() {
+            fits = is_near;
+        }
+    }
+    let place = l.fma(middle, scale, l.splat(Bends::NEAR_OFFSET));
+    let last = l.add(scale, l.splat(Bends::NEAR_LAST));
+    let place = l.floor(l.min(l.max(place, l.splat(0.0)), last));
+    let mut row = l.gather_row(&bends.near, l.index(l.add(place, base)));
+    for n in 0..3 {
+        row[n] = l.select(fits, row[n], l.splat(bends.anywhere[n]));
+    }
+    row
+}
+
+/// Sums of kinks below the lower and above the upper of two x, within the brick's.
+#[inline(always)]
+pub(super) fn kinks_between<L: Lanes>(
+    l: L,
+    ground: &Ground<'_>,
+    [low, high]: [L::Float; 2],
+) -> [[L::Float; 4]; 2] {
+    let bends = &ground.table.bends;
+    let mut low = l.gather_row(&bends.kinks, kink_place(l, low, 0.0));
+    let mut high = l.gather_row(&bends.kinks, kink_place(l, high, 1.0));
+    for n in 0..3 {
+        low[n] = l.max(low[n], l.splat(ground.kinks[0][n]));
+        high[n] = l.max(l.min(high[n], l.splat(ground.kinks[1][n])), low[n]);
+    }
+    [low, high]
 }
 
 /// What a part is off by along which x is `values` at the nodes and bends as `bend` says (see
@@ -37,33 +99,22 @@ pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     ([a, b], bend): ([L::Float; 2], Bend<L>),
     Depths { thickness, mean: depth, extinction }: Depths<L>,
 ) -> Off<L> {
-    let bends = &ground.table.bends;
     // The line rises √3 times as far as between nodes, which are off it by `bend` each.
     let (apart, off) = (distance(l, a, b), bend.distance(l));
-    let width = l.fma(apart, l.splat(1.733), l.mul(off, l.splat(5.5)));
+    let rise = l.mul(apart, l.splat(1.733));
+    let width = l.fma(off, l.splat(5.5), rise);
     let middle = l.mul(l.add(a, b), l.splat(0.5));
     let half = l.fma(width, l.splat(0.5), off);
     let (zero, one) = (l.splat(0.0), l.splat(1.0));
-    let place = l.fma(middle, l.splat(Bends::BEND_SCALE), l.splat(Bends::BEND_OFFSET));
-    let place = l.min(l.max(place, zero), l.splat(Bends::BEND_LAST));
-    let near = l.is_at_most(l.mul(half, l.splat(Bends::BEND_SCALE)), one);
-    let place = l.index(place);
-    let [curved, slope, fade, _] = l.gather_row(&bends.near, place);
-    let curved = l.select(near, curved, l.splat(bends.anywhere[0]));
-    let slope = l.select(near, slope, l.splat(bends.anywhere[1]));
+    let [curved, slope, fade, _] = slopes_near(l, ground, middle, half);
     // Where x is no cubic nodes are off its mean by as much as it is off the line, and back.
     let mean = l.fma(bend.kink, l.splat(2.0), l.mul(bend.fourth, l.splat(1.0 / 180.0)));
     let odd = l.mul(bend.third, l.fma(bend.third, l.splat(0.0011), l.mul(width, l.splat(0.0112))));
     let even = l.fma(l.mul(bend.second, bend.second), l.splat(0.0056), odd);
     let smooth = l.mul(curved, l.fma(mean, l.add(width, bend.kink), even));
-    let low = kink_place(l, l.sub(middle, half), 0.0);
-    let high = kink_place(l, l.add(middle, half), 1.0);
+    let [low, high] = kinks_between(l, ground, [l.sub(middle, half), l.add(middle, half)]);
     let quarter = l.mul(width, l.splat(0.25));
-    let (mut low, mut high) = (l.gather_row(&bends.kinks, low), l.gather_row(&bends.kinks, high));
-    for n in 0..3 {
-        low[n] = l.max(low[n], l.splat(ground.kinks[0][n]));
-        high[n] = l.max(l.min(high[n], l.splat(ground.kinks[1][n])), low[n]);
-    }
+    let seen = Seen { middle, half, off, rise };
     // What two nodes make of a step of the slope, or of half the second derivative, in the middle
     // of a straight line: a share of what these do over it; more as x is off the line.
     let twice = l.add(off, off);
@@ -73,9 +124,9 @@ pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     let kinked = l.fma(l.sub(high[0], low[0]), kink_share, turned);
     let unseen = l.fma(mean, slope, l.add(smooth, kinked));
     if !ABSORBS {
-        return Off { emission: unseen, extinction: zero, most: zero, curved: zero, depth: zero };
+        let emission = unseen;
+        return Off { emission, extinction: zero, most: zero, curved: zero, depth: zero, seen };
     }
-    let fade = l.select(near, fade, l.splat(bends.anywhere[2]));
     let step = l.sub(high[1], low[1]);
     let mean = l.fma(mean, fade, l.mul(step, kink_share));
     let most = l.fma(off, fade, l.mul(step, quarter));
@@ -101,15 +152,16 @@ pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     let rising = l.mul(l.mul(slope, width), l.fma(third, l.splat(4.0), fourth));
     let turning = l.mul(l.mul(rise, width), l.mul(l.add(square, leaning), l.splat(12.0)));
     let share = l.splat(1.0 / 4320.0);
-    let seen = l.fma(depth, coupled, l.fma(l.add(rising, turning), share, unseen));
+    let all = l.fma(depth, coupled, l.fma(l.add(rising, turning), share, unseen));
     // Seen from the part's near end, not on average: e^depth up to 1 is at most 1 + 1.72·depth.
     let near = l.fma(depth, l.splat(1.72), one);
     Off {
-        emission: l.mul(seen, near),
+        emission: l.mul(all, near),
         extinction: mean,
         most,
         curved: l.mul(l.mul(fourth, share), near),
         depth,
+        seen,
     }
 }
 

@@ -16,6 +16,7 @@ mod bends;
 mod blended;
 mod cube;
 mod rows;
+mod square;
 mod sums;
 mod walk;
 
@@ -24,12 +25,16 @@ pub(super) use self::blended::{MOST_PARENTS, Parents};
 use self::blended::{Bends, Part, is_crooked};
 use self::cube::Cube;
 use self::rows::is_less;
+use self::square::{Shift, Squares};
 pub(super) use self::sums::DEEPEST;
 use self::sums::{Stretch, Sums, Terms};
 use self::walk::Walk;
 use super::lanes::{Kernel, Lanes, MOST_LANES, Row};
 use super::scaled::dual;
 use super::transfer_table::TransferTable;
+
+/// What rounding may do to places in a brick, cells.
+pub(super) const SLACK: f32 = 1e-5;
 
 /// The rate of a group that packets leave to the march of single rays.
 pub(super) const UNFIT: u32 = u32::MAX;
@@ -57,6 +62,11 @@ pub(super) struct Ground<'g> {
     pub(super) levels: &'g [u32],
     /// The same of stored values; empty where that is little.
     pub(super) storages: &'g [u32],
+    /// Where rays stand for squares, for each group, and all in one: steepest slopes of x along each
+    /// axis, half the ranges of these, the range of x, and a filler; else empty.
+    pub(super) reliefs: &'g [[f32; 8]],
+    /// How far kinks are looked for around what a square's rays see.
+    pub(super) reach: f32,
     /// Groups along an edge.
     pub(super) groups: usize,
     pub(super) table: &'g TransferTable,
@@ -97,6 +107,13 @@ pub(super) struct Packet {
     pub(super) off: [Row; 3],
     pub(super) levels: [Row; 3],
     pub(super) stored: [Row; 3],
+    /// The squares around rays: their farthest rays' displacement, cells, with [`SLACK`], and twice
+    /// half their diagonal as an angle; and what other rays of them see: at most, and on average but
+    /// for what cancels.
+    pub(super) spread: [Row; 3],
+    pub(super) turn: Row,
+    pub(super) farthest: [Row; 3],
+    pub(super) uneven: [Row; 3],
     /// Parts of cells passed by all.
     pub(super) count: u64,
 }
@@ -118,6 +135,10 @@ impl Packet {
             off: [Row::ZERO; 3],
             levels: [Row::ZERO; 3],
             stored: [Row::ZERO; 3],
+            spread: [Row::ZERO; 3],
+            turn: Row::ZERO,
+            farthest: [Row::ZERO; 3],
+            uneven: [Row::ZERO; 3],
             count: 0,
         }
     }
@@ -136,12 +157,15 @@ impl Packet {
         self.off = [Row::ZERO; 3];
         self.levels = [Row::ZERO; 3];
         self.stored = [Row::ZERO; 3];
+        self.farthest = [Row::ZERO; 3];
+        self.uneven = [Row::ZERO; 3];
     }
 
     /// A lane's sums are nothing again.
     pub(super) fn clear_lane(&mut self, lane: usize) {
         let sums = self.light.iter_mut().chain(&mut self.off).chain(&mut self.levels);
-        for row in sums.chain(&mut self.stored).chain([&mut self.depth, &mut self.lit]) {
+        let sums = sums.chain(&mut self.stored).chain(&mut self.farthest).chain(&mut self.uneven);
+        for row in sums.chain([&mut self.depth, &mut self.lit]) {
             row.0[lane % MOST_LANES] = 0.0;
         }
     }
@@ -180,6 +204,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
     let mut walk = Walk::new(l, ground, packet);
     let bends = Bends::new(l, walk.direction);
     let (mut sums, terms) = (Sums::load(l, packet), Terms::load(l, packet));
+    let (squares, has_squares) = (Squares::load(l, packet), !ground.reliefs.is_empty());
     let mut active = l.mask(packet.active);
     let mut stopped = l.mask(0);
     let mut count = 0;
@@ -209,6 +234,11 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
         let emission_off = l.select(active, l.upper_half(bits), zero);
         let extinction_off = l.select(active, l.lower_half(bits), zero);
         let before = sums.lit;
+        let shift = if has_squares {
+            squares.shift(l, ground, (&walk, next, group), BLENDED)
+        } else {
+            Shift::none(l)
+        };
         if BLENDED {
             let mut from = walk.t;
             let inside = walk.within();
@@ -223,14 +253,26 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
                 let part = Part::new(l, ground, (&walk.cell, exists), place);
                 let (cube, part) = (&cube, Some(&part));
                 let stretch = Stretch { cube, part, from, way, rate: extinction_off };
-                count += sums.pass::<ABSORBS>(l, ground, (&walk, &terms, active), stretch);
+                let lit = sums.lit;
+                let (parts, seen) =
+                    sums.pass::<ABSORBS>(l, ground, (&walk, &terms, ahead), stretch);
+                count += parts;
+                if has_squares {
+                    let lit = l.sub(sums.lit, lit);
+                    shift.add::<ABSORBS>(l, ground, packet, (&seen, lit, way), ahead);
+                }
                 ahead = l.and(ahead, is_less(l, to, next));
                 from = l.select(ahead, to, from);
             }
         } else {
             let (cube, from) = (&cube, walk.t);
             let stretch = Stretch { cube, part: None, from, way, rate: extinction_off };
-            count += sums.pass::<ABSORBS>(l, ground, (&walk, &terms, active), stretch);
+            let (parts, seen) = sums.pass::<ABSORBS>(l, ground, (&walk, &terms, active), stretch);
+            count += parts;
+            if has_squares {
+                let lit = l.sub(sums.lit, before);
+                shift.add::<ABSORBS>(l, ground, packet, (&seen, lit, way), active);
+            }
         }
         let lit = l.sub(sums.lit, before);
         sums.off = add_off::<L, ABSORBS>(l, sums.off, [emission_off, extinction_off], lit, way);

@@ -1,7 +1,7 @@
 //! What a packet gathers.
 #![allow(clippy::needless_range_loop)]
 
-use super::bends::{Depths, crooked};
+use super::bends::{Depths, Seen, crooked};
 use super::blended::{MOST_PARENTS, Part};
 use super::cube::Cube;
 use super::rows::{load, store};
@@ -83,7 +83,7 @@ impl<L: Lanes> Sums<L> {
     }
 
     /// Passes a stretch, in as many equal parts as it takes to be off by little. Returns how many
-    /// these are of all `active` rays.
+    /// these are of all `active` rays, and what x is along it.
     #[inline(always)]
     pub(super) fn pass<const ABSORBS: bool>(
         &mut self,
@@ -91,21 +91,21 @@ impl<L: Lanes> Sums<L> {
         ground: &Ground<'_>,
         (walk, terms, active): (&Walk<L>, &Terms<L>, L::Mask),
         stretch: Stretch<'_, L>,
-    ) -> u64 {
+    ) -> (u64, Seen<L>) {
         let before = *self;
         let mut parts = 1;
         let mut count = u64::from(l.bits(active).count_ones());
-        let open = self.pass_parts::<ABSORBS>(l, ground, (walk, terms), stretch, parts);
+        let (open, seen) = self.pass_parts::<ABSORBS>(l, ground, (walk, terms), stretch, parts);
         let mut open = l.and(active, open);
         while l.bits(open) != 0 && parts < ground.parts {
             parts *= FINER;
             let mut finer = before;
-            let left = finer.pass_parts::<ABSORBS>(l, ground, (walk, terms), stretch, parts);
+            let (left, _) = finer.pass_parts::<ABSORBS>(l, ground, (walk, terms), stretch, parts);
             self.choose(l, open, &finer);
             count += u64::from(parts) * u64::from(l.bits(open).count_ones());
             open = l.and(open, left);
         }
-        count
+        (count, seen)
     }
 
     /// Takes others' sums in some lanes.
@@ -119,7 +119,8 @@ impl<L: Lanes> Sums<L> {
         self.lit = l.select(lanes, other.lit, self.lit);
     }
 
-    /// Passes a stretch in so many equal parts. Returns which lanes are off by too much.
+    /// Passes a stretch in so many equal parts. Returns which lanes are off by too much, and what x
+    /// is along the last.
     #[inline(always)]
     fn pass_parts<const ABSORBS: bool>(
         &mut self,
@@ -128,7 +129,7 @@ impl<L: Lanes> Sums<L> {
         (walk, terms): (&Walk<L>, &Terms<L>),
         Stretch { cube, part, from, way, rate }: Stretch<'_, L>,
         parts: u32,
-    ) -> L::Mask {
+    ) -> (L::Mask, Seen<L>) {
         let share = (parts as f32).recip();
         let step = l.mul(way, l.splat(share));
         let half = l.mul(step, l.splat(0.5));
@@ -136,6 +137,7 @@ impl<L: Lanes> Sums<L> {
         let (within, bend) = (walk.within(), cube.bend(l));
         let before = self.off;
         let (mut deepest, zero) = (l.splat(0.0), l.splat(0.0));
+        let mut seen = Seen { middle: zero, half: zero, off: zero, rise: zero };
         for count in 0..parts {
             let (mut shades, mut values) = ([[half; 4]; 2], [half; 2]);
             let mut blends = [[[half; 2]; MOST_PARENTS]; 2];
@@ -174,6 +176,7 @@ impl<L: Lanes> Sums<L> {
             };
             let depths = Depths { thickness, mean, extinction: l.max(a[3], b[3]) };
             let found = crooked::<L, ABSORBS>(l, ground, (values, bend), depths);
+            seen = found.seen;
             self.off[0] = l.fma(found.emission, lit, self.off[0]);
             if ABSORBS {
                 self.off[1] = l.fma(found.extinction, lit, self.off[1]);
@@ -190,7 +193,7 @@ impl<L: Lanes> Sums<L> {
         }
         let shallow = l.is_at_most(deepest, l.splat(DEEPEST));
         let fine = l.and(shallow, l.is_at_most(off, terms.allowed));
-        l.without(l.mask(!0), fine)
+        (l.without(l.mask(!0), fine), seen)
     }
 }
 

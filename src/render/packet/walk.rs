@@ -75,6 +75,15 @@ impl<L: Lanes> Walk<L> {
         within
     }
 
+    /// Whether the dual cell is neither the first nor the last of the brick's, `last`, along an
+    /// axis.
+    #[inline(always)]
+    pub(super) fn is_inside(&self, a: usize, last: usize) -> L::Mask {
+        let l = self.l;
+        let above = l.is_at_most(l.splat(1.0), self.cell[a]);
+        l.and(above, l.is_at_most(self.cell[a], l.splat(last as f32 - 1.0)))
+    }
+
     /// The number of the cell in an array of `side` along each axis.
     #[inline(always)]
     pub(super) fn index(&self, side: L::Float) -> L::Index {
