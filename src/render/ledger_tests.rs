@@ -159,11 +159,6 @@ impl<'s> Stage<'s> {
         let rounding = 1e-9 * (1.0 + light) + shares.quadrature;
         prop_assert!(worst <= farthest + rounding, "farthest {worst:e}, not {farthest:e}");
         let off = (0..4).map(|c| (mean[c] - centre[c]).abs()).fold(0.0, f64::max);
-            println!(
-                "R {} {:e} {:e} {:e} {:e}",
-                0, error.farthest.emission, error.uneven.emission, worst, shares.pixel_area
-            );
-        }
         let area = shares.pixel_area;
         prop_assert!(off <= area + rounding, "mean {off:e}, not {area:e}");
         Ok(())

@@ -11,7 +11,7 @@ use super::march::{Beam, Light, Passage, Region, Spread, arrive, leave, march};
 use super::march_linear::{DualRange, kind, pass_dual_cell};
 use super::packet::{Ground, MOST_PARENTS, March, Packet, Parents, SLACK, UNFIT};
 use super::ray_error::{Change, RayError, Sums};
-use super::ray_state::RayState;
+use super::ray_state::{Ending, RayState};
 use super::relief::GROUP_EDGE;
 use super::scaled::{ScaledBrick, dual};
 use super::walk::{Step, clip};
@@ -258,6 +258,7 @@ impl Cabin {
             let seen = state.transmittance * length;
             let allowed = place.allowed / (seen * place.transfer.table.emission);
             packet.allowed.0[lane] = allowed.min(f64::from(f32::MAX)) as f32;
+            packet.fade.0[lane] = fade(state, &place.light.ending);
             packet.active |= 1 << lane;
             for a in 0..3 {
                 packet.spread[a].0[lane] =
@@ -321,6 +322,7 @@ impl Cabin {
         let light = packet.light.each_ref().map(|row| sum(row) * seen * table.emission);
         state.gather(light);
         state.absorb(sum(&packet.depth).max(0.0));
+        packet.fade.0[lane] = fade(state, &place.light.ending);
         rider.since = t;
         packet.clear_lane(lane);
     }
@@ -381,6 +383,15 @@ impl Cabin {
         }
         count
     }
+}
+
+/// Optical depth behind which a ray may end, whatever it has gathered.
+fn fade(state: &RayState, ending: &Ending) -> f32 {
+    let least = ending.allowed / ending.brightest.max(1.0);
+    let depth = (state.transmittance / least).ln().max(0.0);
+    // Rounding of f32 must not end a ray that then would go on.
+    let depth = depth * ROUNDED_UP + (ROUNDED_UP - 1.0);
+    if depth.is_nan() { f32::MAX } else { depth.min(f64::from(f32::MAX)) as f32 }
 }
 
 /// The block `up` levels above the brick's own, or that one where there is none.

@@ -41,17 +41,15 @@ pub(super) struct Bends {
     /// Where these steps are, and the sums behind each.
     steps: Vec<(f64, [f32; 4])>,
     /// Largest half second derivative of the emission, steepest slopes of emission and extinction
-    /// near [`Bends::SCALES`]' places, and a filler; and anywhere.
+    /// near [`Bends::NEAR_SCALE`]'s places, and a filler; and anywhere.
     pub(super) near: Vec<[f32; 4]>,
     pub(super) anywhere: [f32; 4],
 }
 
 /// Parts of [0, 1] in which kinks are summed.
 const KINK_PARTS: usize = 4096;
-/// And in which slopes and second derivatives are looked at, from fine to coarse.
-const NEAR_PARTS: [usize; 3] = [64, 16, 4];
-/// Places of a scale beyond its parts.
-const NEAR_ENDS: usize = 4;
+/// And in which slopes and second derivatives are looked at.
+const NEAR_PARTS: usize = 64;
 
 impl Bends {
     /// Place of x in the sums of kinks: that times x, plus `KINK_OFFSET`, from 0 to `KINK_LAST`.
@@ -60,18 +58,14 @@ impl Bends {
     pub(super) const KINK_SCALE: f32 = KINK_PARTS as f32;
     pub(super) const KINK_OFFSET: f32 = 1.0;
     pub(super) const KINK_LAST: f32 = KINK_PARTS as f32 + 2.0;
-    /// Place of x among the slopes near it, for ranges that begin and end within 1 / scale of it:
-    /// that times x, plus `NEAR_OFFSET`, rounded down, from 0 to the scale plus `NEAR_LAST`; behind
-    /// as many others as `BASES` says.
-    pub(super) const SCALES: [f32; 3] =
-        [NEAR_PARTS[0] as f32, NEAR_PARTS[1] as f32, NEAR_PARTS[2] as f32];
-    pub(super) const BASES: [f32; 3] = [
-        0.0,
-        (NEAR_PARTS[0] + NEAR_ENDS) as f32,
-        (NEAR_PARTS[0] + NEAR_PARTS[1] + 2 * NEAR_ENDS) as f32,
-    ];
+    /// Place of x among the slopes near it: that times x, plus `NEAR_OFFSET`, rounded down, from 0
+    /// to `NEAR_LAST`; behind those of all smaller reaches.
+    pub(super) const NEAR_SCALE: f32 = NEAR_PARTS as f32;
     pub(super) const NEAR_OFFSET: f32 = 2.0;
-    pub(super) const NEAR_LAST: f32 = NEAR_ENDS as f32 - 1.0;
+    pub(super) const NEAR_LAST: f32 = NEAR_PARTS as f32 + 3.0;
+    /// How far from x slopes are looked at.
+    pub(super) const REACHES: [f32; 6] =
+        [1.0 / 64.0, 1.0 / 32.0, 1.0 / 16.0, 1.0 / 8.0, 1.0 / 4.0, 1.0 / 2.0];
 
     /// Of `pieces`, relative to the scales of emission and extinction.
     fn new(pieces: &PieceList, scales: [f64; 2]) -> Self {
@@ -92,10 +86,10 @@ impl Bends {
             sum_of(&steps, |start| start < x)
         };
         let kinks = (0..KINK_PARTS + 4).map(below).collect();
-        let near = |parts: usize, place: usize| {
-            let x = (place as f64 - 2.0) / parts as f64;
-            let reach = 1.0 / parts as f64 + 1e-6;
-            pieces.smoothness(x - reach, x + 2.0 * reach)
+        let near = |reach: f32, place: usize| {
+            let width = 1.0 / NEAR_PARTS as f64;
+            let (x, reach) = ((place as f64 - 2.0) * width, f64::from(reach) + 1e-6);
+            pieces.smoothness(x - reach, x + width + reach)
         };
         let row = |Smoothness { bend, slope, .. }: Smoothness| {
             let values =
@@ -106,9 +100,9 @@ impl Bends {
         Self {
             kinks,
             steps,
-            near: NEAR_PARTS
+            near: Self::REACHES
                 .iter()
-                .flat_map(|parts| (0..parts + NEAR_ENDS).map(|place| row(near(*parts, place))))
+                .flat_map(|reach| (0..NEAR_PARTS + 4).map(|place| row(near(*reach, place))))
                 .collect(),
             anywhere: row(pieces.smoothness(0.0, 1.0)),
         }

@@ -50,23 +50,18 @@ pub(super) fn slopes_near<L: Lanes>(
     half: L::Float,
 ) -> [L::Float; 4] {
     let bends = &ground.table.bends;
-    let mut scale = l.splat(Bends::SCALES[0]);
-    let (mut base, mut fits) = (l.splat(0.0), l.mask(0));
-    for n in 0..Bends::SCALES.len() {
-        // From the coarsest on.
-        let n = Bends::SCALES.len() - 1 - n;
-        let this = l.splat(Bends::SCALES[n]);
-        let is_near = l.is_at_most(l.mul(half, this), l.splat(1.0));
-        scale = l.select(is_near, this, scale);
-        base = l.select(is_near, l.splat(Bends::BASES[n]), base);
-        if n + 1 == Bends::SCALES.len() {
-            fits = is_near;
-        }
+    let (zero, one) = (l.splat(0.0), l.splat(1.0));
+    let (mut reaches, mut fits) = (zero, l.mask(0));
+    for n in 0..Bends::REACHES.len() {
+        fits = l.is_at_most(half, l.splat(Bends::REACHES[n]));
+        reaches = l.add(reaches, l.select(fits, zero, one));
     }
-    let place = l.fma(middle, scale, l.splat(Bends::NEAR_OFFSET));
-    let last = l.add(scale, l.splat(Bends::NEAR_LAST));
-    let place = l.floor(l.min(l.max(place, l.splat(0.0)), last));
-    let mut row = l.gather_row(&bends.near, l.index(l.add(place, base)));
+    let last = l.splat(Bends::NEAR_LAST);
+    let place = l.fma(middle, l.splat(Bends::NEAR_SCALE), l.splat(Bends::NEAR_OFFSET));
+    let place = l.floor(l.min(l.max(place, zero), last));
+    // Where no reach does, some row is looked up and not used.
+    let row = l.fma(reaches, l.add(last, one), place);
+    let mut row = l.gather_row(&bends.near, l.index(row));
     for n in 0..3 {
         row[n] = l.select(fits, row[n], l.splat(bends.anywhere[n]));
     }

@@ -90,6 +90,8 @@ pub(super) struct Packet {
     /// What emission may be off by over the way through a cell, per unit of t, where that takes
     /// only to cut it into parts.
     pub(super) allowed: Row,
+    /// Optical depth from which on what lies behind may be left out.
+    pub(super) fade: Row,
     /// t reached, and t where the ray leaves.
     pub(super) t: Row,
     pub(super) end: Row,
@@ -125,6 +127,7 @@ impl Packet {
             direction: [Row::ZERO; 3],
             thickness: Row::ZERO,
             allowed: Row::ZERO,
+            fade: Row::ZERO,
             t: Row::ZERO,
             end: Row::ZERO,
             cell: [Row::ZERO; 3],
@@ -171,7 +174,7 @@ impl Packet {
     }
 }
 
-/// The march of a packet until each active ray has left the brick, which are then active no more,
+/// The march of a packet until each active ray has left the brick or faded, which are then active no more,
 /// or has come to a cell that is not fit.
 pub(super) struct March<'m> {
     pub(super) ground: &'m Ground<'m>,
@@ -205,6 +208,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
     let bends = Bends::new(l, walk.direction);
     let (mut sums, terms) = (Sums::load(l, packet), Terms::load(l, packet));
     let (squares, has_squares) = (Squares::load(l, packet), !ground.reliefs.is_empty());
+    let fade = l.load(&packet.fade);
     let mut active = l.mask(packet.active);
     let mut stopped = l.mask(0);
     let mut count = 0;
@@ -286,6 +290,9 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
         }
         walk.t = l.select(active, next, walk.t);
         active = l.and(active, is_less(l, next, walk.end));
+        if ABSORBS {
+            active = l.and(active, l.is_at_most(sums.depth, fade));
+        }
         active = walk.step(active, axes);
     }
     sums.store(l, packet);

@@ -27,6 +27,8 @@ pub(super) struct Squares<L: Lanes> {
 pub(super) struct Shift<L: Lanes> {
     most: L::Float,
     uneven: L::Float,
+    /// How far x ranges in the group.
+    range: L::Float,
 }
 
 /// Pairs of axes.
@@ -89,7 +91,8 @@ impl<L: Lanes> Squares<L> {
         let half_most = l.mul(most, half);
         let parted = l.mul(half_most, l.min(touching, one));
         let uneven = l.min(half_most, l.add(parted, bent));
-        Shift { most, uneven: l.max(l.select(self.wide, half_most, uneven), zero) }
+        let uneven = l.max(l.select(self.wide, half_most, uneven), zero);
+        Shift { most, uneven, range: row[6] }
     }
 
     /// How far the squares' rays are, on average over the way and the square, beyond a plane that
@@ -158,7 +161,7 @@ impl<L: Lanes> Shift<L> {
     /// Of rays that stand for themselves alone.
     #[inline(always)]
     pub(super) fn none(l: L) -> Self {
-        Self { most: l.splat(0.0), uneven: l.splat(0.0) }
+        Self { most: l.splat(0.0), uneven: l.splat(0.0), range: l.splat(0.0) }
     }
 
     /// Adds what rays of the squares see differently over a stretch of `way`, of which `lit` is
@@ -173,7 +176,7 @@ impl<L: Lanes> Shift<L> {
         active: L::Mask,
     ) {
         let reach = l.add(self.most, l.splat(ground.reach));
-        let half = l.add(seen.half, reach);
+        let half = l.add(l.min(seen.half, self.range), reach);
         let [curved, slope, fade, _] = slopes_near(l, ground, seen.middle, half);
         let [low, high] =
             kinks_between(l, ground, [l.sub(seen.middle, half), l.add(seen.middle, half)]);

@@ -25,7 +25,7 @@ const DARK: f32 = 80.0;
 #[derive(Clone, Copy)]
 pub(super) struct Sums<L: Lanes> {
     light: [L::Float; 3],
-    depth: L::Float,
+    pub(super) depth: L::Float,
     pub(super) lit: L::Float,
     pub(super) off: [L::Float; 3],
     pub(super) levels: [L::Float; 3],
