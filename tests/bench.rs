@@ -60,8 +60,8 @@ fn the_exact_picture_has_no_error_and_looser_ones_cost_less() {
         // well: where each has eight children, an eighth more, and more where trees are ragged.
         let most = 1.3 * number(exact, "bytes_read");
         assert!(bytes <= most, "{tolerance}: {bytes} of {most}");
-        // Packets take one or four samples a stretch, cheaper ones than the exact march does, and
-        // rays that these leave too uncertain are marched again.
+        // Packets take one sample a stretch, or more where that is too uncertain, cheaper ones than
+        // the exact march does.
         let share = if tolerance > 0.01 { 0.7 } else { 1.5 };
         let most = number(exact, "samples") * share;
         assert!(samples <= most, "{tolerance}: {samples} of {most}");

@@ -54,7 +54,7 @@ impl Care {
 
     /// What a single cell may be off by, as a part of what a ray may be.
     pub(super) fn share_of_cell(self) -> f64 {
-        if self == Self::Rough { 1.0 / 16.0 } else { 1.0 / 4096.0 }
+        if self == Self::Rough { 1.0 / 8.0 } else { 1.0 / 4096.0 }
     }
 }
 

@@ -245,3 +245,17 @@ fn more_care_means_a_smaller_bound_and_packets_do_pass() {
         assert!(once[0] < most[0] && once[1] < most[1], "{place:?}: {once:?}");
     }
 }
+
+#[test]
+fn depths_beyond_f32_are_left_to_single_rays() {
+    let points = [(0.0, 0.0), (0.5, 0.0), (1.0, 1e29)];
+    let function = transfer(&points, &[(0.0, 0.0), (1.0, 1.0)]);
+    let exact = TransferPieces::new(&function, |_| 0.0);
+    let brick = surveyed(&TestData::new(|_, _| 0.25), PLACES[2], &exact);
+    let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&function, 1.0));
+    let mut packets = Packets::new();
+    // Nothing absorbs at the values that are met, so that the table alone decides.
+    let mut enter =
+        |width: f64| packets.enter(&setting.passage, &setting.light, (width, Care::Rough), false);
+    assert!(enter(1.0) && !enter(100.0));
+}

@@ -164,24 +164,14 @@ impl TransferTable {
         let mut off = [0.0_f64; 2];
         for index in first..=last {
             let piece = pieces.piece(index);
-            let (low, high) = (piece.start.max(from), piece.end.min(to));
-            let bulge = 0.25 * piece.bend * (high - low).powi(2);
-            off[0] = off[0].max(piece.deviation);
             let is_after = sharpest.is_some_and(|sharpest| index >= sharpest);
             let line = if is_after {
                 [(corner, after), (to, end)]
             } else {
                 [(from, start), (corner, before)]
             };
-            for x in [low, high] {
-                let found = channels(piece, x);
-                for c in 0..4 {
-                    let difference = (found[c] - between(line, x)[c]).abs();
-                    let channel = usize::from(c == 3);
-                    let bulge = if channel == 0 { bulge } else { 0.0 };
-                    off[channel] = off[channel].max(difference + bulge);
-                }
-            }
+            let ends = [piece.start.max(from), piece.end.min(to)];
+            off = largest(&[off, off_line(piece, line, ends)]);
         }
         self.deviation.push(off);
     }
@@ -241,6 +231,19 @@ pub(super) fn two_halves(values: [f64; 2]) -> u32 {
 fn channels(piece: &Piece, x: f64) -> [f64; 4] {
     let [r, g, b] = piece.emission(x);
     [r, g, b, piece.extinction(x)]
+}
+
+/// How far a piece's emission (any channel) and extinction are from a line between two x.
+fn off_line(piece: &Piece, line: [(f64, [f64; 4]); 2], [low, high]: [f64; 2]) -> [f64; 2] {
+    let mut off = [0.0_f64; 2];
+    for x in [low, high] {
+        let pairs = channels(piece, x).into_iter().zip(between(line, x));
+        for (c, (found, drawn)) in pairs.enumerate() {
+            let channel = usize::from(c == 3);
+            off[channel] = off[channel].max((found - drawn).abs());
+        }
+    }
+    [off[0].max(piece.deviation) + 0.25 * piece.bend * (high - low).powi(2), off[1]]
 }
 
 /// The line through two places at `x`.
