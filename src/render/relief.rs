@@ -27,10 +27,6 @@ pub(super) struct Group {
     pub(super) slope: [f64; 3],
     /// Half the range of the slope along each axis, per cell.
     pub(super) uneven: [f64; 3],
-    /// Of cells away from borders of levels: how far x ranges in one, at most.
-    pub(super) plain: f64,
-    /// Largest difference of x to the parents', where both are blended.
-    pub(super) blend: f64,
     /// Change by what is beneath the brick.
     pub(super) levels: Change,
     /// Bound of the difference of x to that of the source's values, and of its rounding.
@@ -153,8 +149,6 @@ impl Group {
             low: self.low.min(other.low),
             high: self.high.max(other.high),
             slope,
-            blend: self.blend.max(other.blend),
-            plain: self.plain.max(other.plain),
             // Slopes of both signs: the range of all of them.
             uneven: slope,
             levels: self.levels.max(other.levels),
@@ -235,7 +229,7 @@ impl Looker<'_> {
             return group;
         }
         let count = edge + 1;
-        let (mut mixed, mut void, mut blend) = (false, false, 0.0);
+        let (mut mixed, mut void) = (false, false);
         for z in lo[2]..=hi[2] {
             for y in lo[1]..=hi[1] {
                 for &kind in &self.brick.duals[(z * count + y) * count..][lo[0]..=hi[0]] {
@@ -246,9 +240,9 @@ impl Looker<'_> {
         }
         if mixed {
             void |= self.has_void(lo, hi);
-            blend = self.widen(&mut steepness, lo, hi);
+            self.widen(&mut steepness, lo, hi);
         }
-        Group { has_void: void, plain: group.plain, blend, ..steepness.group() }
+        Group { has_void: void, ..steepness.group() }
     }
 
     fn has_void(&self, lo: [usize; 3], hi: [usize; 3]) -> bool {
@@ -263,9 +257,8 @@ impl Looker<'_> {
 
     /// Beside borders of levels, values blend into those of ancestors: within the range of all of
     /// these, with slopes between theirs, give or take the weight's (two a cell) times the
-    /// difference of the two levels that it blends. Returns the largest difference to the parents.
-    fn widen(&self, group: &mut Steepness, lo: [usize; 3], hi: [usize; 3]) -> f64 {
-        let mut to_parents = None;
+    /// difference of the two levels that it blends.
+    fn widen(&self, group: &mut Steepness, lo: [usize; 3], hi: [usize; 3]) {
         let blocks = &self.brick.blocks[..self.brick.used];
         let mut reach = (lo, hi.map(|h| h + 1));
         for pair in blocks.windows(2) {
@@ -284,9 +277,7 @@ impl Looker<'_> {
             let bend = (0..3).map(|a| above.range(a)).sum::<f64>() * 0.25;
             group.take(&above, coarse.scale);
             group.loosen(2.0 * (difference + bend) * 2.0 * coarse.scale);
-            to_parents.get_or_insert(difference + bend);
         }
-        to_parents.unwrap_or(0.0)
     }
 
     /// Of cells from `first` on, and one more on every side within the brick.
@@ -325,7 +316,6 @@ impl Steepness {
             high: self.values[1],
             slope,
             uneven: self.slopes.map(|[least, most]| 0.5 * (most - least)),
-            plain: slope[0] + slope[1] + slope[2],
             ..Group::default()
         }
     }
