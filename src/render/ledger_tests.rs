@@ -13,6 +13,7 @@ use super::ray_state::{Ending, RayState};
 use super::rays::{PixelGrid, Square};
 use super::relief::Distance;
 use super::scaled::ScaledBrick;
+use super::steepness::Surveyor;
 use super::test_data::{TestData, linear, rough};
 use super::tile::{beam, meets};
 use super::transfer_pieces::TransferPieces;
@@ -72,7 +73,7 @@ impl<'s> Stage<'s> {
                 tree: [0.0, 1.0],
                 storage: Rounding::default(),
             };
-            brick.survey(&transfer.all, &distance);
+            brick.survey(&transfer.all, &distance, &mut Surveyor::default());
             let corner = data.domain.cell_corner(level as i32, at.map(|c| c * EDGE));
             let frame = view.frame(&corner, level as i32, EDGE as f64);
             let region = region(data, level, *at, bricks.len() == 1);

@@ -2,6 +2,7 @@
 
 use super::scaled::ScaledBrick;
 use super::shading::Shading;
+use super::steepness::Surveyor;
 use super::transfer_pieces::PieceList;
 use crate::cache::{BrickPlace, Cache, Decoder, FieldRecord, NodeRecord, RawBrick};
 use crate::paging::{LoadedBytes, Loader, Request};
@@ -44,6 +45,7 @@ pub struct BrickLoader<'r> {
 pub struct BrickScratch {
     decoder: Decoder,
     raw: RawBrick,
+    surveyor: Surveyor,
 }
 
 impl BrickScratch {
@@ -54,14 +56,16 @@ impl BrickScratch {
     pub fn new(cache: &Cache) -> Result<Self> {
         let decoder = Decoder::new()
             .map_err(|source| Error::io(cache.path(), "cannot set up decompression", source))?;
-        Ok(Self { decoder, raw: RawBrick::default() })
+        Ok(Self { decoder, raw: RawBrick::default(), surveyor: Surveyor::default() })
     }
 
     /// Most bytes that one thread's buffers grow to.
     pub fn bytes(cache: &Cache) -> u64 {
         let header = cache.header();
         let blocks = usize::from(header.max_parent_blocks) + 1;
-        cache.decoder_bytes() + header.shape.payload_bytes(blocks) as u64
+        cache.decoder_bytes()
+            + header.shape.payload_bytes(blocks) as u64
+            + Surveyor::bytes(header.shape.edge())
     }
 }
 
@@ -81,14 +85,14 @@ impl Loader for BrickLoader<'_> {
         brick: &mut ScaledBrick,
     ) -> Result<LoadedBytes> {
         let BrickRequest { node, place, record, field } = request;
-        let BrickScratch { decoder, raw } = scratch;
+        let BrickScratch { decoder, raw, surveyor } = scratch;
         self.cache.read_brick(*node, record, self.shading.field, field, decoder, raw)?;
         self.cache.check_place(*node, self.shading.field, place, raw)?;
         let header = self.cache.header();
         let map = |stored| self.shading.map(stored);
         brick.prepare(raw, place, header, map, self.shading.interpolation)?;
         if let Some(pieces) = self.accounts {
-            brick.survey(pieces, &self.shading.distance(record, field));
+            brick.survey(pieces, &self.shading.distance(record, field), surveyor);
         }
         let blocks = usize::from(field.parent_blocks) + 1;
         Ok(LoadedBytes {

@@ -52,6 +52,7 @@ pub mod shading;
 mod span;
 mod span_tree;
 pub mod stats;
+mod steepness;
 #[cfg(test)]
 mod stress_tests;
 #[cfg(test)]
@@ -74,6 +75,7 @@ pub mod view;
 mod view_tests;
 mod waiting;
 mod walk;
+mod windows;
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};

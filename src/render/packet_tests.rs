@@ -14,6 +14,7 @@ use super::ray_error::RayError;
 use super::ray_state::{Ending, RayState};
 use super::relief::Distance;
 use super::scaled::ScaledBrick;
+use super::steepness::Surveyor;
 use super::test_data::{TestCut, TestData, linear, rough};
 use super::transfer_pieces::TransferPieces;
 use super::transfer_table::TransferTable;
@@ -33,7 +34,7 @@ fn surveyed(
     let mut brick = data.brick(level, at, EDGE, Interpolation::Linear);
     let storage = Rounding::default();
     let distance = Distance { residual: 0.0, child_mask: 0, tree: [0.0, 1.0], storage };
-    brick.survey(&pieces.all, &distance);
+    brick.survey(&pieces.all, &distance, &mut Surveyor::default());
     brick
 }
 

@@ -3,8 +3,9 @@
 //! pixel, and what it means that a brick is drawn instead of those beneath it.
 
 use super::ray_error::Change;
-use super::scaled::{ScaledBlock, ScaledBrick, dual};
+use super::scaled::ScaledBrick;
 use super::span::Span;
+use super::steepness::{Steepness, Surveyor, Terrain};
 use super::transfer_pieces::PieceList;
 use crate::scene::Rounding;
 
@@ -105,15 +106,21 @@ impl Relief {
     }
 
     /// Looks at `brick`, which is prepared.
-    pub(super) fn fill(&mut self, brick: &ScaledBrick, pieces: &PieceList, distance: &Distance) {
+    pub(super) fn fill(
+        &mut self,
+        brick: &ScaledBrick,
+        pieces: &PieceList,
+        distance: &Distance,
+        surveyor: &mut Surveyor,
+    ) {
         self.side = Self::side_of(brick.edge);
         self.groups.clear();
         self.groups.reserve_exact(self.side.pow(3));
         self.levels_reach = if distance.residual < FAR { distance.residual } else { 0.0 };
         let looker = Looker { brick, pieces, distance };
-        for at in 0..self.side.pow(3) {
+        for (at, terrain) in surveyor.look(brick, self.side).iter().enumerate() {
             let group = [at % self.side, at / self.side % self.side, at / self.side.pow(2)];
-            self.groups.push(looker.group(group.map(|g| g * GROUP_EDGE)));
+            self.groups.push(looker.group(terrain, group.map(|g| g * GROUP_EDGE)));
         }
         self.whole = self.groups.iter().copied().reduce(Group::with).unwrap_or_default();
         let Group { low, high, .. } = self.whole;
@@ -159,6 +166,7 @@ impl Group {
     }
 }
 
+/// What is common to a brick's groups.
 struct Looker<'a> {
     brick: &'a ScaledBrick,
     pieces: &'a PieceList,
@@ -166,11 +174,15 @@ struct Looker<'a> {
 }
 
 impl Looker<'_> {
-    fn group(&self, first: [usize; 3]) -> Group {
-        let mut group = if self.brick.is_piecewise_constant() {
-            self.cells(first)
-        } else {
-            self.dual_cells(first)
+    fn group(&self, terrain: &Terrain, first: [usize; 3]) -> Group {
+        let Steepness { values, slopes } = terrain.steepness;
+        let mut group = Group {
+            low: values[0],
+            high: values[1],
+            slope: slopes.map(|[least, most]| least.abs().max(most.abs())),
+            uneven: slopes.map(|[least, most]| 0.5 * (most - least)),
+            has_void: terrain.has_void,
+            ..Group::default()
         };
         if group.low > group.high {
             return group;
@@ -216,210 +228,6 @@ impl Looker<'_> {
                 && (0..3).all(|a| reaches(a, octant >> a & 1 == 1))
         })
     }
-
-    /// Of dual cells from `first` on: between cells counted with ghosts.
-    fn dual_cells(&self, first: [usize; 3]) -> Group {
-        let edge = self.brick.edge;
-        let lo = first.map(|f| f.saturating_sub(1));
-        let hi = first.map(|f| (f + GROUP_EDGE).min(edge));
-        let block = &self.brick.blocks[0];
-        let mut steepness = slopes(block, lo, hi);
-        let group = steepness.group();
-        if self.brick.duals.is_empty() {
-            return group;
-        }
-        let count = edge + 1;
-        let (mut mixed, mut void) = (false, false);
-        for z in lo[2]..=hi[2] {
-            for y in lo[1]..=hi[1] {
-                for &kind in &self.brick.duals[(z * count + y) * count..][lo[0]..=hi[0]] {
-                    mixed |= kind != dual::PLAIN;
-                    void |= kind == dual::VOID;
-                }
-            }
-        }
-        if mixed {
-            void |= self.has_void(lo, hi);
-            self.widen(&mut steepness, lo, hi);
-        }
-        Group { has_void: void, ..steepness.group() }
-    }
-
-    fn has_void(&self, lo: [usize; 3], hi: [usize; 3]) -> bool {
-        let block = &self.brick.blocks[0];
-        let mut cells = (lo[2]..=hi[2] + 1).flat_map(|z| (lo[1]..=hi[1] + 1).map(move |y| (y, z)));
-        cells.any(|(y, z)| {
-            let row = block.at([lo[0], y, z]);
-            let states = &block.states[row..row + hi[0] + 2 - lo[0]];
-            states.iter().any(|bits| bits & crate::cache::state::VOID != 0)
-        })
-    }
-
-    /// Beside borders of levels, values blend into those of ancestors: within the range of all of
-    /// these, with slopes between theirs, give or take the weight's (two a cell) times the
-    /// difference of the two levels that it blends.
-    fn widen(&self, group: &mut Steepness, lo: [usize; 3], hi: [usize; 3]) {
-        let blocks = &self.brick.blocks[..self.brick.used];
-        let mut reach = (lo, hi.map(|h| h + 1));
-        for pair in blocks.windows(2) {
-            let [fine, coarse] = pair else { break };
-            let parents = Parents::new(coarse);
-            let mut difference = 0.0_f64;
-            for_each_row(reach, |y, z| {
-                for x in reach.0[0]..=reach.1[0] {
-                    let value = fine.values[fine.at([x, y, z])];
-                    difference = difference.max((value - parents.at([x, y, z])).abs());
-                }
-            });
-            reach = parents.around(reach);
-            let above = slopes(coarse, reach.0, reach.1.map(|h| h - 1));
-            // Between the fine cells' centres the coarser values bend once more.
-            let bend = (0..3).map(|a| above.range(a)).sum::<f64>() * 0.25;
-            group.take(&above, coarse.scale);
-            group.loosen(2.0 * (difference + bend) * 2.0 * coarse.scale);
-        }
-    }
-
-    /// Of cells from `first` on, and one more on every side within the brick.
-    fn cells(&self, first: [usize; 3]) -> Group {
-        let block = &self.brick.blocks[0];
-        let edge = self.brick.edge;
-        let mut group = Group { low: f64::INFINITY, high: f64::NEG_INFINITY, ..Group::default() };
-        let mut void = false;
-        let lo = first.map(|f| f.saturating_sub(1));
-        let hi = first.map(|f| (f + GROUP_EDGE + 1).min(edge));
-        for z in lo[2]..hi[2] {
-            for y in lo[1]..hi[1] {
-                let row = block.at([1, y + 1, z + 1]);
-                for &x in block.values.get(row + lo[0]..row + hi[0]).unwrap_or_default() {
-                    void |= x.is_nan();
-                    (group.low, group.high) = (group.low.min(x), group.high.max(x));
-                }
-            }
-        }
-        group.has_void = void;
-        group
-    }
-}
-
-/// Range of values, and of their slopes along each axis, per cell of the brick.
-struct Steepness {
-    values: [f64; 2],
-    slopes: [[f64; 2]; 3],
-}
-
-impl Steepness {
-    fn group(&self) -> Group {
-        let slope = self.slopes.map(|[least, most]| least.abs().max(most.abs()));
-        Group {
-            low: self.values[0],
-            high: self.values[1],
-            slope,
-            uneven: self.slopes.map(|[least, most]| 0.5 * (most - least)),
-            ..Group::default()
-        }
-    }
-
-    /// Largest less smallest slope along axis `a`.
-    fn range(&self, a: usize) -> f64 {
-        self.slopes[a][1] - self.slopes[a][0]
-    }
-
-    /// Takes in those of a level whose cells are 1 / `scale` of the brick's.
-    fn take(&mut self, other: &Self, scale: f64) {
-        self.values = [self.values[0].min(other.values[0]), self.values[1].max(other.values[1])];
-        for (own, other) in self.slopes.iter_mut().zip(&other.slopes) {
-            *own = [own[0].min(other[0] * scale), own[1].max(other[1] * scale)];
-        }
-    }
-
-    fn loosen(&mut self, by: f64) {
-        self.slopes = self.slopes.map(|[least, most]| [least - by, most + by]);
-    }
-}
-
-/// What a coarser block says of the cells of the next finer one.
-struct Parents<'b> {
-    coarse: &'b ScaledBlock,
-    /// Which half of its parent the finer block's first cell (its ghost not counted) is.
-    upper: [usize; 3],
-}
-
-impl<'b> Parents<'b> {
-    fn new(coarse: &'b ScaledBlock) -> Self {
-        let upper = coarse.corner.map(|corner| (2.0 * corner.fract()) as usize & 1);
-        Self { coarse, upper }
-    }
-
-    /// The parent of the finer block's cell `cell` along axis `a`, and its neighbour on the
-    /// cell's side; ghosts counted.
-    fn along(&self, a: usize, cell: usize) -> [usize; 2] {
-        let place = cell + 1 + self.upper[a];
-        let (parent, last) = (place / 2, self.coarse.side - 1);
-        let beside = if place.is_multiple_of(2) { parent.saturating_sub(1) } else { parent + 1 };
-        [parent.min(last), beside.min(last)]
-    }
-
-    /// The coarser interpolant at the centre of the finer block's cell.
-    fn at(&self, cell: [usize; 3]) -> f64 {
-        let parents: [[usize; 2]; 3] = std::array::from_fn(|a| self.along(a, cell[a]));
-        let weight = |bit: usize| if bit == 0 { 0.75 } else { 0.25 };
-        (0..8)
-            .map(|n| {
-                let side: [usize; 3] = std::array::from_fn(|a| n >> a & 1);
-                let at = self.coarse.at(std::array::from_fn(|a| parents[a][side[a]]));
-                weight(side[0]) * weight(side[1]) * weight(side[2]) * self.coarse.values[at]
-            })
-            .sum()
-    }
-
-    /// The cells that the interpolant draws on between those of `reach`.
-    fn around(&self, reach: ([usize; 3], [usize; 3])) -> ([usize; 3], [usize; 3]) {
-        let last = self.coarse.side - 1;
-        let lo =
-            std::array::from_fn(|a| self.along(a, reach.0[a])[0].saturating_sub(1).min(last - 1));
-        let hi: [usize; 3] = std::array::from_fn(|a| (self.along(a, reach.1[a])[0] + 1).min(last));
-        (lo, std::array::from_fn(|a| hi[a].max(lo[a] + 1)))
-    }
-}
-
-fn for_each_row((lo, hi): ([usize; 3], [usize; 3]), mut look: impl FnMut(usize, usize)) {
-    for z in lo[2]..=hi[2] {
-        for y in lo[1]..=hi[1] {
-            look(y, z);
-        }
-    }
-}
-
-/// Range and slopes of the values between cells `lo` and `hi` + 1 of `block`, per cell of it.
-fn slopes(block: &ScaledBlock, lo: [usize; 3], hi: [usize; 3]) -> Steepness {
-    const NONE: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
-    let mut steepness = Steepness { values: NONE, slopes: [NONE; 3] };
-    let strides = [1, block.side, block.side * block.side];
-    for_each_row((lo, hi.map(|h| h + 1)), |y, z| {
-        let row = block.at([lo[0], y, z]);
-        let count = hi[0] + 2 - lo[0];
-        let values = &block.values[row..row + count];
-        for &x in values {
-            let [least, most] = steepness.values;
-            steepness.values = [least.min(x), most.max(x)];
-        }
-        let mut along = |axis: usize, values: &[f64], next: &[f64]| {
-            let [mut least, mut most] = steepness.slopes[axis];
-            for (a, b) in values.iter().zip(next) {
-                (least, most) = (least.min(b - a), most.max(b - a));
-            }
-            steepness.slopes[axis] = [least, most];
-        };
-        along(0, &values[..count - 1], &values[1..]);
-        if y <= hi[1] {
-            along(1, values, &block.values[row + strides[1]..][..count]);
-        }
-        if z <= hi[2] {
-            along(2, values, &block.values[row + strides[2]..][..count]);
-        }
-    });
-    steepness
 }
 
 #[cfg(test)]

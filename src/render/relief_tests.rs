@@ -31,7 +31,7 @@ fn surveyed(number: usize, leaf: fn(u32, [i128; 3]) -> f64) -> ScaledBrick {
     let mut brick = TestData::new(leaf).brick(level, at, EDGE as u32, Interpolation::Linear);
     let distance =
         Distance { residual: 0.0, child_mask: 0, tree: [0.0, 1.0], storage: Rounding::default() };
-    brick.survey(&TransferPieces::new(&smooth(), |_| 0.0).all, &distance);
+    brick.survey(&TransferPieces::new(&smooth(), |_| 0.0).all, &distance, &mut Surveyor::default());
     brick
 }
 
@@ -114,7 +114,7 @@ fn slopes_are_close_to_those_there_are() {
     let mut brick = data.brick(0, [1, 0, 1], EDGE as u32, Interpolation::Linear);
     let distance =
         Distance { residual: 0.0, child_mask: 0, tree: [0.0, 1.0], storage: Rounding::default() };
-    brick.survey(&TransferPieces::new(&smooth(), |_| 0.0).all, &distance);
+    brick.survey(&TransferPieces::new(&smooth(), |_| 0.0).all, &distance, &mut Surveyor::default());
     let group = brick.relief.group(0);
     assert_eq!((group.low, group.high, group.slope), (0.0, 1.0, [1.0, 0.0, 0.0]));
     assert_eq!(group.uneven, [1.0, 0.0, 0.0]);

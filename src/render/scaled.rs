@@ -4,6 +4,7 @@ use super::fill::{Above, fill_holes, fill_outside};
 use super::lanes::BYTE_PADDING;
 use super::packet::MOST_PARENTS;
 use super::relief::{Distance, Relief};
+use super::steepness::Surveyor;
 use super::transfer_pieces::PieceList;
 use crate::cache::{Block, BrickPlace, BrickShape, Header, RawBrick, state};
 use crate::scene::Interpolation;
@@ -175,9 +176,14 @@ impl ScaledBrick {
     }
 
     /// Finds out how far values differ near any place of the brick, which is prepared.
-    pub(super) fn survey(&mut self, pieces: &PieceList, distance: &Distance) {
+    pub(super) fn survey(
+        &mut self,
+        pieces: &PieceList,
+        distance: &Distance,
+        surveyor: &mut Surveyor,
+    ) {
         let mut relief = std::mem::take(&mut self.relief);
-        relief.fill(self, pieces, distance);
+        relief.fill(self, pieces, distance, surveyor);
         self.relief = relief;
     }
 
