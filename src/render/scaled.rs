@@ -89,19 +89,28 @@ impl NarrowBlock {
         if !has_borders {
             return;
         }
-        let count = block.side - 1;
-        let offsets: [usize; 8] =
-            std::array::from_fn(|c| block.at([c & 1, c >> 1 & 1, c >> 2 & 1]));
-        for z in 0..count {
-            for y in 0..count {
-                let row = block.at([0, y, z]);
-                self.corners.extend((row..row + count).map(|at| {
-                    let exists = |n: usize| block.states[at + offsets[n]] & EXISTING != 0;
-                    (0..8).fold(0, |mask, n| mask | u8::from(exists(n)) << n)
-                }));
+        gather_corners(&mut self.corners, block, |bits, corner| {
+            u8::from(bits & EXISTING != 0) << corner
+        });
+        self.corners.extend([0; BYTE_PADDING]);
+    }
+}
+
+/// For each dual cell of a block, x fastest, all bits that `flags` makes of its corners' states;
+/// with room for padding.
+fn gather_corners(out: &mut Vec<u8>, block: &ScaledBlock, flags: impl Fn(u8, usize) -> u8) {
+    let count = block.side - 1;
+    // Exact, because the memory limit counts these bytes.
+    out.reserve_exact(count.pow(3) + BYTE_PADDING);
+    out.resize(count.pow(3), 0);
+    for (n, row) in out.chunks_exact_mut(count).enumerate() {
+        for corner in 0..8 {
+            let [x, y, z] = [corner & 1, corner >> 1 & 1, corner >> 2 & 1];
+            let states = &block.states[block.at([x, n % count + y, n / count + z])..][..count];
+            for (all, bits) in row.iter_mut().zip(states) {
+                *all |= flags(*bits, corner);
             }
         }
-        self.corners.extend([0; BYTE_PADDING]);
     }
 }
 
@@ -286,27 +295,22 @@ impl ScaledBrick {
         if block.states.iter().all(is_plain) {
             return;
         }
-        let (side, count) = (block.side, self.edge + 1);
-        self.duals.reserve_exact(count.pow(3) + BYTE_PADDING);
+        const PLAIN: u8 = 1;
+        const VOID: u8 = 2;
+        const HOLE: u8 = 4;
         let is_blended = (2..=1 + MOST_PARENTS).contains(&self.used);
-        let offsets: [usize; 8] =
-            std::array::from_fn(|c| block.at([c & 1, c >> 1 & 1, c >> 2 & 1]));
-        for z in 0..count {
-            for y in 0..count {
-                let row = (z * side + y) * side;
-                for x in 0..count {
-                    let states = offsets.map(|offset| block.states[row + x + offset]);
-                    self.duals.push(if states.iter().all(is_plain) {
-                        dual::PLAIN
-                    } else if states.iter().all(|bits| bits & state::VOID != 0) {
-                        dual::VOID
-                    } else if states.iter().any(|bits| bits & state::VOID != 0) || !is_blended {
-                        dual::MIXED
-                    } else {
-                        dual::BLENDED
-                    });
-                }
-            }
+        gather_corners(&mut self.duals, block, |bits, _| {
+            let is_void = bits & state::VOID != 0;
+            let shown = if bits & EXISTING != 0 { PLAIN } else { HOLE };
+            if is_void { VOID } else { shown }
+        });
+        for kind in &mut self.duals {
+            *kind = match *kind {
+                PLAIN => dual::PLAIN,
+                VOID => dual::VOID,
+                found if found & VOID != 0 || !is_blended => dual::MIXED,
+                _ => dual::BLENDED,
+            };
         }
         self.duals.extend([dual::PLAIN; BYTE_PADDING]);
     }

@@ -92,23 +92,50 @@ impl<L: Lanes> Sums<L> {
         (walk, terms, active): (&Walk<L>, &Terms<L>, L::Mask),
         stretch: Stretch<'_, L>,
     ) -> (u64, Seen<L>) {
-        let before = *self;
         let mut parts = 1;
         let mut count = u64::from(l.bits(active).count_ones());
-        let (open, seen) = self.pass_parts::<ABSORBS>(l, ground, (walk, terms), stretch, parts);
-        let mut open = l.and(active, open);
+        let depth = self.depth;
+        let (mut gain, seen) =
+            Gain::over::<ABSORBS>(l, ground, (walk, terms, depth), stretch, parts);
+        let mut open = l.and(active, gain.open);
         while l.bits(open) != 0 && parts < ground.parts {
             parts *= FINER;
-            let mut finer = before;
-            let (left, _) = finer.pass_parts::<ABSORBS>(l, ground, (walk, terms), stretch, parts);
-            self.choose(l, open, &finer);
+            let (finer, _) = Gain::over::<ABSORBS>(l, ground, (walk, terms, depth), stretch, parts);
+            gain.choose(l, open, &finer);
             count += u64::from(parts) * u64::from(l.bits(open).count_ones());
-            open = l.and(open, left);
+            open = l.and(open, finer.open);
         }
+        self.add::<ABSORBS>(l, &gain);
         (count, seen)
     }
 
-    /// Takes others' sums in some lanes.
+    #[inline(always)]
+    fn add<const ABSORBS: bool>(&mut self, l: L, gain: &Gain<L>) {
+        for n in 0..3 {
+            self.light[n] = l.add(self.light[n], gain.light[n]);
+            if ABSORBS || n == 0 {
+                self.off[n] = l.add(self.off[n], gain.off[n]);
+            }
+        }
+        self.lit = l.add(self.lit, gain.lit);
+        self.depth = gain.depth;
+    }
+}
+
+/// What a stretch adds to the sums.
+#[derive(Clone, Copy)]
+struct Gain<L: Lanes> {
+    light: [L::Float; 3],
+    /// Optical depth behind it.
+    depth: L::Float,
+    lit: L::Float,
+    off: [L::Float; 3],
+    /// Which lanes are off by too much.
+    open: L::Mask,
+}
+
+impl<L: Lanes> Gain<L> {
+    /// Takes another's in some lanes.
     #[inline(always)]
     fn choose(&mut self, l: L, lanes: L::Mask, other: &Self) {
         for n in 0..3 {
@@ -119,24 +146,24 @@ impl<L: Lanes> Sums<L> {
         self.lit = l.select(lanes, other.lit, self.lit);
     }
 
-    /// Passes a stretch in so many equal parts. Returns which lanes are off by too much, and what x
-    /// is along the last.
+    /// Of a stretch behind an optical depth, passed in so many equal parts; and what x is along the
+    /// last.
     #[inline(always)]
-    fn pass_parts<const ABSORBS: bool>(
-        &mut self,
+    fn over<const ABSORBS: bool>(
         l: L,
         ground: &Ground<'_>,
-        (walk, terms): (&Walk<L>, &Terms<L>),
+        (walk, terms, depth): (&Walk<L>, &Terms<L>, L::Float),
         Stretch { cube, part, from, way, rate }: Stretch<'_, L>,
         parts: u32,
-    ) -> (L::Mask, Seen<L>) {
+    ) -> (Self, Seen<L>) {
         let share = (parts as f32).recip();
         let step = l.mul(way, l.splat(share));
         let half = l.mul(step, l.splat(0.5));
         let thickness = l.mul(step, terms.thickness);
         let (within, bend) = (walk.within(), cube.bend(l));
-        let before = self.off;
         let (mut deepest, zero) = (l.splat(0.0), l.splat(0.0));
+        let open = l.mask(0);
+        let mut gain = Self { light: [zero; 3], depth, lit: zero, off: [zero; 3], open };
         let mut seen = Seen { middle: zero, half: zero, off: zero, rise: zero };
         for count in 0..parts {
             let (mut shades, mut values) = ([[half; 4]; 2], [half; 2]);
@@ -157,19 +184,19 @@ impl<L: Lanes> Sums<L> {
                 mean = l.mul(thickness, l.mul(l.add(a[3], b[3]), l.splat(0.5)));
                 let bend = l.mul(l.mul(thickness, l.sub(b[3], a[3])), l.splat(SLOPE_DEPTH));
                 for n in 0..2 {
-                    let depth = l.sub(l.fma(mean, l.splat(NODES[n]), self.depth), bend);
+                    let depth = l.sub(l.fma(mean, l.splat(NODES[n]), gain.depth), bend);
                     weights[n] = l.mul(half, through(l, depth));
                 }
-                self.depth = l.add(self.depth, mean);
+                gain.depth = l.add(gain.depth, mean);
             }
             let mut brightest = zero;
             for c in 0..3 {
                 let light = l.fma(weights[0], a[c], l.mul(weights[1], b[c]));
-                self.light[c] = l.add(self.light[c], light);
+                gain.light[c] = l.add(gain.light[c], light);
                 brightest = l.max(brightest, light);
             }
             let lit = l.add(weights[0], weights[1]);
-            self.lit = l.add(self.lit, lit);
+            gain.lit = l.add(gain.lit, lit);
             let bend = match part {
                 Some(part) => part.bend(l, bend, share, &blends),
                 None => bend.along(l, share),
@@ -177,23 +204,24 @@ impl<L: Lanes> Sums<L> {
             let depths = Depths { thickness, mean, extinction: l.max(a[3], b[3]) };
             let found = crooked::<L, ABSORBS>(l, ground, (values, bend), depths);
             seen = found.seen;
-            self.off[0] = l.fma(found.emission, lit, self.off[0]);
+            gain.off[0] = l.fma(found.emission, lit, gain.off[0]);
             if ABSORBS {
-                self.off[1] = l.fma(found.extinction, lit, self.off[1]);
-                self.off[2] = l.fma(found.extinction, step, self.off[2]);
+                gain.off[1] = l.fma(found.extinction, lit, gain.off[1]);
+                gain.off[2] = l.fma(found.extinction, step, gain.off[2]);
                 // The depth in front of a node is off by up to three times as much.
                 let late = l.mul(l.mul(l.add(found.most, rate), thickness), l.splat(3.3));
-                self.off[0] = l.fma(l.add(late, found.curved), brightest, self.off[0]);
+                gain.off[0] = l.fma(l.add(late, found.curved), brightest, gain.off[0]);
                 deepest = l.max(deepest, found.depth);
             }
         }
-        let mut off = l.sub(self.off[0], before[0]);
+        let mut off = gain.off[0];
         if ABSORBS {
-            off = l.fma(l.sub(self.off[1], before[1]), l.splat(ground.darkening), off);
+            off = l.fma(gain.off[1], l.splat(ground.darkening), off);
         }
         let shallow = l.is_at_most(deepest, l.splat(DEEPEST));
         let fine = l.and(shallow, l.is_at_most(off, terms.allowed));
-        (l.without(l.mask(!0), fine), seen)
+        gain.open = l.without(l.mask(!0), fine);
+        (gain, seen)
     }
 }
 
