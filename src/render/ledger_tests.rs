@@ -14,7 +14,7 @@ use super::rays::{PixelGrid, Square};
 use super::relief::Distance;
 use super::scaled::ScaledBrick;
 use super::steepness::Surveyor;
-use super::test_data::{TestData, linear, rough};
+use super::test_data::{BRICKS, TestData, linear, rough};
 use super::tile::{beam, meets};
 use super::transfer_pieces::TransferPieces;
 use super::transfer_table::TransferTable;
@@ -218,22 +218,19 @@ fn interpolations() -> impl Strategy<Value = Interpolation> {
     prop_oneof![Just(Interpolation::Linear), Just(Interpolation::Cell)]
 }
 
-const ALONE: [(u32, [i128; 3]); 5] =
-    [(0, [1, 0, 1]), (1, [1, 0, 1]), (2, [2, 1, 2]), (3, [4, 3, 5]), (3, [4, 5, 6])];
-
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(80))]
 
     #[test]
     fn a_square_of_one_brick_is_as_far_off_as_its_account_says(
-        number in 0..ALONE.len(),
+        number in 0..BRICKS.len(),
         off in prop::array::uniform3(-2.5..2.5_f64),
         (fov, is_flat) in (20.0..90.0_f64, any::<bool>()),
         medium in 0..5_usize,
         interpolation in interpolations(),
         squares in squares(),
     ) {
-        let (level, at) = ALONE[number];
+        let (level, at) = BRICKS[number];
         let data = TestData::new(rough);
         let width = data.domain.cell_width(level as i32) * EDGE as f64;
         let left = data.domain.left();

@@ -15,7 +15,7 @@ use super::ray_state::{Ending, RayState};
 use super::relief::Distance;
 use super::scaled::ScaledBrick;
 use super::steepness::Surveyor;
-use super::test_data::{TestCut, TestData, linear, rough};
+use super::test_data::{BRICKS, TestCut, TestData, linear, rough};
 use super::transfer_pieces::TransferPieces;
 use super::transfer_table::TransferTable;
 use crate::scene::{Interpolation, Rounding, TransferFunction};
@@ -141,22 +141,19 @@ fn function(number: usize) -> TransferFunction {
     [smooth, glowing, shells, steps][number % 4]()
 }
 
-const PLACES: [(u32, [i128; 3]); 5] =
-    [(0, [1, 0, 1]), (1, [1, 0, 1]), (2, [2, 1, 2]), (3, [4, 3, 5]), (3, [4, 5, 6])];
-
 proptest! {
     #![proptest_config(ProptestConfig { cases: 192, ..ProptestConfig::default() })]
 
     #[test]
     fn packets_are_off_by_no_more_than_they_say(
         rays in rays(),
-        place in 0..PLACES.len(),
+        place in 0..BRICKS.len(),
         number in 0..4usize,
         is_rough in any::<bool>(),
         allowed in prop_oneof![Just(1e-4), Just(1e-2), Just(1.0)],
     ) {
         let data = TestData::new(if is_rough { rough } else { linear });
-        let (level, at) = PLACES[place];
+        let (level, at) = BRICKS[place];
         let function = function(number);
         let exact = TransferPieces::new(&function, |_| 0.0);
         let brick = surveyed(&data, (level, at), &exact);
@@ -170,10 +167,10 @@ proptest! {
     }
 
     #[test]
-    fn beside_what_a_cut_leaves_out_too(rays in rays(), place in 0..PLACES.len()) {
+    fn beside_what_a_cut_leaves_out_too(rays in rays(), place in 0..BRICKS.len()) {
         let data = TestData::new(rough);
         let cut = TestCut::new(&data, EDGE, |level, at| level < 2 || at[1] < 3 && at[2] < 4);
-        let (level, at) = PLACES[place];
+        let (level, at) = BRICKS[place];
         let exact = TransferPieces::new(&glowing(), |_| 0.0);
         let brick = surveyed(&data, (level, at), &exact);
         let setting = Setting::new(&brick, cut.drawn(level, at), &exact, (&glowing(), 1.0));
@@ -189,7 +186,7 @@ proptest! {
         upper in any::<bool>(),
     ) {
         let exact = TransferPieces::new(&smooth(), |_| 0.0);
-        let brick = surveyed(&TestData::new(rough), PLACES[2], &exact);
+        let brick = surveyed(&TestData::new(rough), BRICKS[2], &exact);
         let mut setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&smooth(), 1.0));
         let faces = if upper { [0.0, 3.5] } else { [4.5, f64::from(EDGE)] };
         (setting.passage.region.lo, setting.passage.region.hi) = ([faces[0]; 3], [faces[1]; 3]);
@@ -199,10 +196,10 @@ proptest! {
     }
 
     #[test]
-    fn all_widths_agree(rays in rays(), place in 0..PLACES.len()) {
+    fn all_widths_agree(rays in rays(), place in 0..BRICKS.len()) {
         let data = TestData::new(rough);
         let exact = TransferPieces::new(&smooth(), |_| 0.0);
-        let brick = surveyed(&data, PLACES[place], &exact);
+        let brick = surveyed(&data, BRICKS[place], &exact);
         let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&smooth(), 1.0));
         let expected = setting.together(&rays, Width::Portable, Care::Rough);
         for width in Width::all() {
@@ -230,7 +227,7 @@ fn more_care_means_a_smaller_bound_and_packets_do_pass() {
         sigma_min: f64::NEG_INFINITY,
     };
     let rays: Vec<_> = (0..20).map(ray).collect();
-    for (place, is_rough) in PLACES.into_iter().flat_map(|place| [(place, true), (place, false)]) {
+    for (place, is_rough) in BRICKS.into_iter().flat_map(|place| [(place, true), (place, false)]) {
         let data = TestData::new(if is_rough { rough } else { linear });
         let brick = surveyed(&data, place, &exact);
         let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&smooth(), 1.0));
@@ -252,7 +249,7 @@ fn depths_beyond_f32_are_left_to_single_rays() {
     let points = [(0.0, 0.0), (0.5, 0.0), (1.0, 1e29)];
     let function = transfer(&points, &[(0.0, 0.0), (1.0, 1.0)]);
     let exact = TransferPieces::new(&function, |_| 0.0);
-    let brick = surveyed(&TestData::new(|_, _| 0.25), PLACES[2], &exact);
+    let brick = surveyed(&TestData::new(|_, _| 0.25), BRICKS[2], &exact);
     let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&function, 1.0));
     let mut packets = Packets::new();
     // Nothing absorbs at the values that are met, so that the table alone decides.

@@ -4,30 +4,18 @@ use proptest::prelude::*;
 use super::*;
 use crate::render::interpolant::DrawnNeighbours;
 use crate::render::march_tests::smooth;
-use crate::render::test_data::{TestData, rough};
+use crate::render::test_data::{TestData, UNTIDY_BRICKS, rough};
 use crate::render::transfer_pieces::TransferPieces;
 use crate::scene::{Interpolation, Rounding};
 
 const EDGE: usize = 8;
-/// Bricks with holes, ghosts of one to three levels above, beside the domain's end, and whole.
-const BRICKS: [(u32, [i128; 3]); 8] = [
-    (0, [1, 0, 1]),
-    (0, [2, 1, 1]),
-    (1, [1, 0, 1]),
-    (1, [3, 1, 1]),
-    (2, [2, 1, 2]),
-    (2, [4, 3, 4]),
-    (3, [4, 3, 5]),
-    (3, [7, 5, 6]),
-];
-
 /// Far apart from cell to cell, as logarithms are.
 fn wide(level: u32, cell: [i128; 3]) -> f64 {
     20.0 * (rough(level, cell) - 0.5).powi(3)
 }
 
 fn surveyed(number: usize, leaf: fn(u32, [i128; 3]) -> f64) -> ScaledBrick {
-    let (level, at) = BRICKS[number];
+    let (level, at) = UNTIDY_BRICKS[number];
     let mut brick = TestData::new(leaf).brick(level, at, EDGE as u32, Interpolation::Linear);
     let distance =
         Distance { residual: 0.0, child_mask: 0, tree: [0.0, 1.0], storage: Rounding::default() };
@@ -52,7 +40,7 @@ proptest! {
 
     #[test]
     fn groups_bound_values_and_slopes(
-        number in 0..BRICKS.len(),
+        number in 0..UNTIDY_BRICKS.len(),
         is_wide in any::<bool>(),
         places in prop::collection::vec(prop::array::uniform3(0.0..1.0_f64), 200),
     ) {
@@ -86,7 +74,7 @@ proptest! {
 
     #[test]
     fn what_is_near_bounds_values_and_slopes(
-        number in 0..BRICKS.len(),
+        number in 0..UNTIDY_BRICKS.len(),
         centre in prop::array::uniform3(0.0..8.0_f64),
         reach in 0.0..6.0_f64,
         places in prop::collection::vec(prop::array::uniform3(-1.0..1.0_f64), 100),

@@ -25,20 +25,22 @@ pub(super) struct Terrain {
 pub(super) struct Surveyor {
     numbers: Folder<f64>,
     flags: Folder<u8>,
-    /// The windows of the groups' values in the block in hand, and of what lies between these.
+    /// The windows of the groups' values in the block in hand, and of the places between two of
+    /// these: one shorter.
     windows: Triples,
     shorter: Triples,
     /// Of each group.
     terrains: Vec<Terrain>,
     is_mixed: Vec<bool>,
-    above: Vec<Steepness>,
+    /// Of the block in hand, in each group's windows.
+    of_block: Vec<Steepness>,
     differences: Vec<f64>,
     /// A row of a coarser block on its way to a finer one's, and where each cell of that takes it.
     row: Vec<f64>,
     parents: Vec<[usize; 2]>,
 }
 
-/// Part of a dual cell's windows: that formulas differ there, that all of one is void.
+/// Flags of a dual cell: it is not [`dual::PLAIN`]; it is [`dual::VOID`].
 const IS_MIXED: u8 = 1;
 const IS_VOID: u8 = 2;
 
@@ -90,17 +92,27 @@ impl Surveyor {
         &self.terrains
     }
 
-    fn set_windows(&mut self, along: impl Fn(usize, usize) -> Window, side: usize) {
-        for (a, windows) in self.windows.iter_mut().enumerate() {
+    /// Sets the windows of each of `side` groups, alike along all axes.
+    fn set_windows(&mut self, along: impl Fn(usize) -> Window, side: usize) {
+        for windows in &mut self.windows {
             windows.clear();
-            windows.extend((0..side).map(|group| along(a, group)));
+            windows.extend((0..side).map(&along));
+        }
+        self.shorten();
+    }
+
+    /// Follows changed windows.
+    fn shorten(&mut self) {
+        for (shorter, windows) in self.shorter.iter_mut().zip(&self.windows) {
+            shorter.clear();
+            shorter.extend(windows.iter().map(|&(first, last)| (first, last.max(1) - 1)));
         }
     }
 
     /// Of cells, and one more on every side within the brick.
     fn cells(&mut self, brick: &ScaledBrick, side: usize) {
         let (block, edge) = (&brick.blocks[0], brick.edge);
-        let along = |_, group: usize| {
+        let along = |group: usize| {
             let first = group * GROUP_EDGE;
             // Counted with ghosts. The last group may hold dual cells alone.
             (first.max(1), (first + GROUP_EDGE + 1).min(edge))
@@ -113,7 +125,7 @@ impl Surveyor {
             windows,
             f64::NEG_INFINITY,
             larger,
-            |at, row| write_both(row, values(at), |x| *x),
+            |at, row| write_both(row, values(at).iter().copied()),
             |[less, most]| {
                 let steepness = Steepness { values: [-less, most], slopes: [[0.0; 2]; 3] };
                 terrains.push(Terrain { steepness, has_void: false });
@@ -142,10 +154,10 @@ impl Surveyor {
         // A dual cell lies between its cell, counted with ghosts, and the next.
         let first = |group: usize| (group * GROUP_EDGE).saturating_sub(1);
         let last = |group: usize| (group * GROUP_EDGE + GROUP_EDGE).min(edge);
-        self.set_windows(|_, group| (first(group), last(group) + 1), side);
+        self.set_windows(|group| (first(group), last(group) + 1), side);
         self.steepness(&brick.blocks[0]);
         let has_void = false;
-        let terrains = self.above.iter().map(|&steepness| Terrain { steepness, has_void });
+        let terrains = self.of_block.iter().map(|&steepness| Terrain { steepness, has_void });
         self.terrains.extend(terrains);
         if brick.duals.is_empty() {
             return;
@@ -209,10 +221,11 @@ impl Surveyor {
                     *window = parents.around(a, *window);
                 }
             }
+            self.shorten();
             self.steepness(coarse);
             let groups = self.terrains.iter_mut().zip(&self.is_mixed);
             for ((terrain, _), (above, difference)) in groups
-                .zip(self.above.iter().zip(&self.differences))
+                .zip(self.of_block.iter().zip(&self.differences))
                 .filter(|((_, is_mixed), _)| **is_mixed)
             {
                 // Between the fine cells' centres the coarser values bend once more.
@@ -225,35 +238,32 @@ impl Surveyor {
 
     /// Range and slopes of the block's values in each triple of windows, per cell of it.
     fn steepness(&mut self, block: &ScaledBlock) {
-        let Self { numbers, windows, shorter, above, .. } = self;
-        for (shorter, windows) in shorter.iter_mut().zip(windows.iter()) {
-            shorter.clear();
-            shorter.extend(windows.iter().map(|&(first, last)| (first, last - 1)));
-        }
-        above.clear();
-        above.reserve_exact(windows.iter().map(Vec::len).product());
+        let Self { numbers, windows, shorter, of_block, .. } = self;
+        of_block.clear();
+        of_block.reserve_exact(windows.iter().map(Vec::len).product());
         let row_of = |[y, z]: [usize; 2]| &block.values[block.at([0, y, z])..];
         numbers.fold(
             [0, 1, 2].map(|a| &windows[a][..]),
             f64::NEG_INFINITY,
             larger,
-            |at, row| write_both(row, row_of(at), |x| *x),
-            |[less, most]| above.push(Steepness { values: [-less, most], ..Steepness::NONE }),
+            |at, row| write_both(row, row_of(at).iter().copied()),
+            |[less, most]| of_block.push(Steepness { values: [-less, most], ..Steepness::NONE }),
         );
         for axis in 0..3 {
             let stride = [1, block.side, block.side * block.side][axis];
-            let mut above = above.iter_mut();
+            let mut found = of_block.iter_mut();
             numbers.fold(
                 [0, 1, 2].map(|a| if a == axis { &shorter[a][..] } else { &windows[a] }),
                 f64::NEG_INFINITY,
                 larger,
                 |at, row| {
                     let values = row_of(at);
-                    write_both(row, values.iter().zip(&values[stride..]), |(x, next)| next - x);
+                    let steps = values.iter().zip(&values[stride..]).map(|(x, next)| next - x);
+                    write_both(row, steps);
                 },
                 |[less, most]| {
-                    if let Some(above) = above.next() {
-                        above.slopes[axis] = [-less, most];
+                    if let Some(found) = found.next() {
+                        found.slopes[axis] = [-less, most];
                     }
                 },
             );
@@ -286,11 +296,9 @@ impl Surveyor {
 
 /// Writes −x and x of each place.
 #[inline]
-fn write_both<I: IntoIterator>(row: &mut [f64], places: I, x: impl Fn(I::Item) -> f64) {
-    let half = row.len() / 2;
-    let (less, most) = row.split_at_mut(half);
-    for ((less, most), place) in less.iter_mut().zip(most).zip(places) {
-        let x = x(place);
+fn write_both(row: &mut [f64], values: impl Iterator<Item = f64>) {
+    let (less, most) = row.split_at_mut(row.len() / 2);
+    for ((less, most), x) in less.iter_mut().zip(most).zip(values) {
         (*less, *most) = (-x, x);
     }
 }

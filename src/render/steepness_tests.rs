@@ -1,20 +1,11 @@
 //! Groups one by one, cell by cell: what the surveyor must find as well.
 
 use super::*;
-use crate::render::test_data::{TestData, rough};
+use crate::cache::BrickShape;
+use crate::render::test_data::{At, TestData, UNTIDY_BRICKS, rough};
 use crate::scene::Interpolation;
 
 const EDGE: usize = 8;
-/// Bricks with holes, ghosts of one to three levels above, beside the domain's end, and whole.
-const BRICKS: [(u32, [i128; 3]); 6] = [
-    (0, [1, 0, 1]),
-    (1, [1, 0, 1]),
-    (1, [3, 1, 1]),
-    (2, [2, 1, 2]),
-    (3, [4, 3, 5]),
-    (3, [7, 5, 6]),
-];
-
 type Box = ([usize; 3], [usize; 3]);
 
 fn each((lo, hi): Box, mut look: impl FnMut([usize; 3])) {
@@ -53,7 +44,22 @@ fn above(parents: &Parents<'_>, cell: [usize; 3]) -> f64 {
     (0..8).map(corner).sum()
 }
 
-fn group(brick: &ScaledBrick, first: [usize; 3]) -> Terrain {
+/// A group of cells, and one more on every side within the brick.
+fn group_of_cells(brick: &ScaledBrick, first: [usize; 3]) -> Terrain {
+    let block = &brick.blocks[0];
+    let mut values = [f64::INFINITY, f64::NEG_INFINITY];
+    let mut has_void = false;
+    // Ghosts counted, so that brick's own cells are 1 to EDGE.
+    let within = (first.map(|f| f.max(1)), first.map(|f| (f + GROUP_EDGE + 1).min(EDGE)));
+    each(within, |cell| {
+        let x = block.values[block.at(cell)];
+        has_void |= x.is_nan();
+        values = [values[0].min(x), values[1].max(x)];
+    });
+    Terrain { steepness: Steepness { values, slopes: [[0.0; 2]; 3] }, has_void }
+}
+
+fn group(brick: &ScaledBrick, first: [usize; 3]) -> (Terrain, bool) {
     let lo = first.map(|f| f.saturating_sub(1));
     let duals = first.map(|f| (f + GROUP_EDGE).min(EDGE));
     let mut within = (lo, duals.map(|h| h + 1));
@@ -85,7 +91,7 @@ fn group(brick: &ScaledBrick, first: [usize; 3]) -> Terrain {
             found.loosen(2.0 * (difference + bend) * 2.0 * pair[1].scale);
         }
     }
-    Terrain { steepness: found, has_void }
+    (Terrain { steepness: found, has_void }, is_mixed)
 }
 
 fn assert_near(a: [f64; 2], b: [f64; 2]) {
@@ -93,22 +99,78 @@ fn assert_near(a: [f64; 2], b: [f64; 2]) {
     assert!(is_near(a[0], b[0]) && is_near(a[1], b[1]), "{a:?}, not {b:?}");
 }
 
+/// The brick at `at`, or with void: cells of its own, or those that own its holes.
+fn brick((level, at): At, void: Option<usize>, interpolation: Interpolation) -> ScaledBrick {
+    let data = TestData::new(rough);
+    let mut raw = data.raw(level, at, BrickShape::new(EDGE as u32).unwrap());
+    if let Some(block) = void.and_then(|block| raw.blocks.get_mut(block)) {
+        let exists = |(_, bits): &(usize, &mut u8)| **bits & state::EXISTS != 0;
+        for (n, bits) in block.states.iter_mut().enumerate().filter(exists) {
+            *bits |= if n % 97 == 0 { state::VOID } else { 0 };
+        }
+    }
+    data.brick_of(&raw, (level, at), EDGE as u32, interpolation)
+}
+
+fn assert_alike(found: &Terrain, expected: &Terrain) {
+    assert_eq!(found.has_void, expected.has_void);
+    assert_near(found.steepness.values, expected.steepness.values);
+    for a in 0..3 {
+        assert_near(found.steepness.slopes[a], expected.steepness.slopes[a]);
+    }
+}
+
 #[test]
 fn groups_are_as_they_are_one_by_one() {
     let mut surveyor = Surveyor::default();
-    for (level, at) in BRICKS {
-        let brick = TestData::new(rough).brick(level, at, EDGE as u32, Interpolation::Linear);
-        let side = (EDGE + 1).div_ceil(GROUP_EDGE);
-        let found = surveyor.look(&brick, side);
-        assert_eq!(found.len(), side.pow(3));
-        for (n, terrain) in found.iter().enumerate() {
-            let first = [n % side, n / side % side, n / side / side].map(|g| g * GROUP_EDGE);
-            let expected = group(&brick, first);
-            assert_eq!(terrain.has_void, expected.has_void);
-            assert_near(terrain.steepness.values, expected.steepness.values);
-            for a in 0..3 {
-                assert_near(terrain.steepness.slopes[a], expected.steepness.slopes[a]);
+    let side = (EDGE + 1).div_ceil(GROUP_EDGE);
+    let place = |n: usize| [n % side, n / side % side, n / side / side].map(|g| g * GROUP_EDGE);
+    // Of groups of dual cells: mixed ones and others; with void and without, of dual cells and of
+    // cells.
+    let (mut mixed, mut void) = ([0; 2], [[0; 2]; 2]);
+    for at in UNTIDY_BRICKS {
+        for dropped in [None, Some(0), Some(1)] {
+            let linear = brick(at, dropped, Interpolation::Linear);
+            let found = surveyor.look(&linear, side);
+            assert_eq!(found.len(), side.pow(3));
+            for (n, terrain) in found.iter().enumerate() {
+                let (expected, is_mixed) = group(&linear, place(n));
+                assert_alike(terrain, &expected);
+                mixed[usize::from(is_mixed)] += 1;
+                void[0][usize::from(expected.has_void)] += 1;
+            }
+            let cells = brick(at, dropped, Interpolation::Cell);
+            let found = surveyor.look(&cells, side);
+            assert_eq!(found.len(), side.pow(3));
+            for (n, terrain) in found.iter().enumerate() {
+                let expected = group_of_cells(&cells, place(n));
+                assert_alike(terrain, &expected);
+                void[1][usize::from(expected.has_void)] += 1;
             }
         }
     }
+    let all = mixed.iter().chain(void.iter().flatten());
+    assert!(all.into_iter().all(|&count| count > 20), "{mixed:?} {void:?}");
+}
+
+#[test]
+fn a_surveyor_stays_within_its_bytes() {
+    let mut surveyor = Surveyor::default();
+    let side = (EDGE + 1).div_ceil(GROUP_EDGE);
+    for at in UNTIDY_BRICKS {
+        for interpolation in [Interpolation::Linear, Interpolation::Cell] {
+            surveyor.look(&brick(at, None, interpolation), side);
+        }
+    }
+    let Surveyor { numbers, flags, windows, shorter, .. } = &surveyor;
+    let triples = windows.iter().chain(shorter).map(Vec::capacity).sum::<usize>();
+    let held = numbers.held()
+        + flags.held()
+        + triples * size_of::<Window>()
+        + surveyor.terrains.capacity() * size_of::<Terrain>()
+        + surveyor.is_mixed.capacity()
+        + surveyor.of_block.capacity() * size_of::<Steepness>()
+        + (surveyor.differences.capacity() + surveyor.row.capacity()) * size_of::<f64>()
+        + surveyor.parents.capacity() * size_of::<[usize; 2]>();
+    assert!(held as u64 <= Surveyor::bytes(EDGE), "{held} of {}", Surveyor::bytes(EDGE));
 }

@@ -15,6 +15,24 @@ use crate::space::{Domain, IndexBox};
 /// Cells of the root grid.
 const ROOT: [i128; 3] = [20, 12, 16];
 
+/// A brick's level and place.
+pub(super) type At = (u32, [i128; 3]);
+
+/// Bricks of 8³: with holes, with ghosts of one to three levels above, and whole.
+pub(super) const BRICKS: [At; 5] =
+    [(0, [1, 0, 1]), (1, [1, 0, 1]), (2, [2, 1, 2]), (3, [4, 3, 5]), (3, [4, 5, 6])];
+/// More of them, also at corners of levels and beside the domain's end.
+pub(super) const UNTIDY_BRICKS: [At; 8] = [
+    (0, [1, 0, 1]),
+    (0, [2, 1, 1]),
+    (1, [1, 0, 1]),
+    (1, [3, 1, 1]),
+    (2, [2, 1, 2]),
+    (2, [4, 3, 4]),
+    (3, [4, 3, 5]),
+    (3, [7, 5, 6]),
+];
+
 /// Existence as boxes of each level's cells, and a value for each leaf cell.
 pub(super) struct TestData {
     pub(super) domain: Domain,
@@ -173,11 +191,22 @@ impl TestData {
         edge: u32,
         interpolation: Interpolation,
     ) -> ScaledBrick {
+        let raw = self.raw(level, coordinates, BrickShape::new(edge).unwrap());
+        self.brick_of(&raw, (level, coordinates), edge, interpolation)
+    }
+
+    /// The same of a payload.
+    pub(super) fn brick_of(
+        &self,
+        raw: &RawBrick,
+        (level, coordinates): At,
+        edge: u32,
+        interpolation: Interpolation,
+    ) -> ScaledBrick {
         let shape = BrickShape::new(edge).unwrap();
-        let raw = self.raw(level, coordinates, shape);
         let place = BrickPlace { tree_level: level as usize, octree: level as i32, coordinates };
         let mut brick = ScaledBrick::new();
-        brick.prepare(&raw, &place, &self.header(shape), f64::from, interpolation).unwrap();
+        brick.prepare(raw, &place, &self.header(shape), f64::from, interpolation).unwrap();
         brick
     }
 

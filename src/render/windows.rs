@@ -21,6 +21,13 @@ impl<T: Copy> Folder<T> {
         ((side + 2) * side * PARTS * size_of::<T>()) as u64
     }
 
+    /// Heap bytes held.
+    #[cfg(test)]
+    pub(super) fn held(&self) -> usize {
+        let all = [&self.row, &self.plane, &self.line];
+        all.iter().map(|buffer| buffer.capacity() * size_of::<T>()).sum()
+    }
+
     /// Tells `found`, x fastest, what `fold` makes of all places of each triple of `windows`,
     /// beginning from `none`. `row` writes the `PARTS` values of each place (x, y, z) along x into
     /// a row, part by part.
@@ -38,6 +45,7 @@ impl<T: Copy> Folder<T> {
             [(&mut self.row, width), (&mut self.plane, width * high), (&mut self.line, width)]
         {
             buffer.clear();
+            buffer.reserve_exact(length);
             buffer.resize(length, none);
         }
         for &(first, last) in windows[2] {
