@@ -18,6 +18,7 @@ pub mod scene;
 pub mod source;
 pub mod space;
 mod spelling;
+mod sum;
 pub mod synth;
 
 pub use error::{Error, Result};

@@ -103,9 +103,10 @@ fn warn_of_bound(stats: &Stats) {
         && bound > stats.tolerance
         && stats.tolerance > 0.0
     {
+        let likely = stats.error_estimate.unwrap_or(bound);
         eprintln!(
-            "warning: pixels may be off by {bound:.2e}, more than the tolerance of {:.2e}: ask for \
-             a larger --tolerance or for --samples N",
+            "warning: pixels may be off by {bound:.2e}, more than the tolerance of {:.2e} (by \
+             {likely:.2e} in all likelihood): ask for a larger --tolerance or for --samples N",
             stats.tolerance
         );
     }

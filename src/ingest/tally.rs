@@ -1,27 +1,6 @@
 //! Extrema and sums over leaf cells.
 
-/// A sum whose rounding errors are carried along (Neumaier, ZAMM 54, 1974).
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Sum {
-    sum: f64,
-    carried: f64,
-}
-
-impl Sum {
-    pub(super) fn add(&mut self, value: f64) {
-        let sum = self.sum + value;
-        self.carried += if self.sum.abs() >= value.abs() {
-            (self.sum - sum) + value
-        } else {
-            (value - sum) + self.sum
-        };
-        self.sum = sum;
-    }
-
-    pub(super) fn value(self) -> f64 {
-        self.sum + self.carried
-    }
-}
+use crate::sum::Sum;
 
 /// Values that are counted side by side.
 const LANES: usize = 4;

@@ -2,9 +2,8 @@
 
 use super::RenderOptions;
 use super::load::{BrickLoader, BrickScratch};
-use super::ray_error::ErrorShares;
 use super::rays::PixelGrid;
-use super::refine::Sheet;
+use super::refine::{Sheet, TileError};
 use super::scaled::ScaledBrick;
 use super::tile::Tile;
 use crate::cache::{BrickShape, Cache, Cursor, WINDOW_BYTES};
@@ -147,7 +146,7 @@ fn fixed_parts(demand: &Demand) -> Vec<(&'static str, u64)> {
     let thread = STACK_TOUCHED.saturating_add(demand.scratch);
     vec![
         ("the picture", Film::bytes_needed(demand.width, demand.height)),
-        ("the tiles' bounds", demand.tiles.saturating_mul(size_of::<ErrorShares>() as u64)),
+        ("the tiles' errors", demand.tiles.saturating_mul(size_of::<TileError>() as u64)),
         ("writing the picture", u64::from(demand.width) * WRITING_PER_COLUMN + WRITING_FIXED),
         (
             "the marching threads",

@@ -37,6 +37,7 @@ mod packet;
 mod packet_tests;
 mod picture;
 mod piece;
+mod pixel;
 mod polynomial;
 mod preload;
 mod probe;
@@ -55,6 +56,7 @@ pub mod stats;
 mod steepness;
 #[cfg(test)]
 mod stress_tests;
+mod studio;
 #[cfg(test)]
 mod test_data;
 #[cfg(test)]
@@ -77,34 +79,22 @@ mod waiting;
 mod walk;
 mod windows;
 
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
-use self::census::Census;
-use self::cut::{Cut, FootprintCut};
-use self::grade::PacketTransfer;
 use self::load::BrickLoader;
-use self::march::Light;
 use self::memory::MemoryPlan;
-use self::picture::{Method, Picture, lock};
 pub use self::probe::{Found, Probe};
-use self::ray_error::ErrorShares;
-use self::ray_state::Ending;
 use self::rays::PixelGrid;
-use self::refine::Goal;
 use self::shading::Shading;
 use self::stats::Stats;
-use self::transfer_pieces::{PieceList, TransferPieces};
-use self::transfer_table::TransferTable;
-use self::tree_walk::{FieldIndex, Scenery, Walk};
+use self::studio::Studio;
+use self::transfer_pieces::TransferPieces;
 use self::view::View;
 use crate::Result;
-use crate::cache::{Cache, Header};
+use crate::cache::Cache;
 use crate::image::Film;
 use crate::paging::{Budget, Counters, Pool, peak_rss_bytes};
-use crate::scene::{Interpolation, Samples, Scene, Tolerance};
-use crate::space::Domain;
+use crate::scene::{Samples, Scene, Tolerance};
 
 /// How a picture is made, beside what it shows. The picture depends on none of it but `fixed`.
 #[derive(Clone, Copy)]
@@ -187,302 +177,14 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     stats.set_levels(header, &counters, &samples);
     stats.rays = outcome.rays;
     stats.tolerance = absolute(scene.render.tolerance, &outcome.film);
-    stats.error_bound = outcome.shares.map(|shares| shares.total());
-    stats.error_shares = outcome.shares;
+    stats.error_bound = outcome.error.map(|error| error.shares.total());
+    stats.error_shares = outcome.error.map(|error| error.shares);
+    stats.error_estimate = outcome.error.map(|error| error.estimate);
     stats.peak_rss_bytes = peak_rss_bytes();
     stats.load_seconds = load_seconds;
     stats.render_seconds = started.elapsed().as_secs_f64() - load_seconds;
     stats.set_opening(0.0);
     Ok(Rendered { film: outcome.film, stats })
-}
-
-/// A finished picture, before statistics are made of it.
-struct Outcome {
-    film: Film,
-    /// How far its worst pixel may be off, if that is known.
-    shares: Option<ErrorShares>,
-    census: Census,
-    rays: u64,
-}
-
-/// What all attempts at a picture share.
-struct Studio<'s> {
-    cache: &'s Cache,
-    scene: &'s Scene,
-    shading: &'s Shading,
-    /// The transfer function without simplifications.
-    exact: &'s TransferPieces,
-    pool: &'s Pool<'s, BrickLoader<'s>>,
-    plan: &'s MemoryPlan,
-    threads: usize,
-}
-
-/// A glance is at most this many pixels wide or high.
-const GLANCE_PIXELS: u32 = 64;
-/// The part of a tolerance relative to the largest value of a glance that is tried first: what a
-/// glance sees may be brighter than the picture's pixels.
-const FIRST_TRY: f64 = 0.9;
-/// Attempts at tiles that turn out to need a smaller tolerance.
-const ATTEMPTS: u32 = 12;
-/// What exact pictures are converged to, relative to their largest value.
-const EXACT: f64 = 1e-6;
-/// Rays of a picture whose pixels stand for areas, about, and of a pixel on average over a tile:
-/// where the bound needs more, it stays above the tolerance, and says so.
-const MOST_RAYS: u64 = 16_000_000;
-const MOST_RAYS_PER_PIXEL: u64 = 64;
-const FEWEST_RAYS_PER_PIXEL: u64 = 8;
-
-impl<'s> Studio<'s> {
-    /// By settings that ask nothing of the error.
-    fn by_hand(
-        &self,
-        pixels: &PixelGrid,
-        fixed: &FixedSetting,
-        options: &RenderOptions<'_>,
-        samples: &mut [u64],
-    ) -> Result<Outcome> {
-        let cut = self.footprint_cut(fixed.pixels_per_cell)?;
-        let light = if fixed.relative_accuracy > 0.0 { self.glance()? } else { 0.0 };
-        let off = fixed.relative_accuracy * light;
-        let transfer = self.transfer(off);
-        let pieces = self.pieces(&transfer);
-        let census = self.census(pixels, &cut, pieces)?;
-        let method = Method::Once { cut, accounts: false };
-        let mut picture =
-            self.picture(pixels, (&transfer, pieces), method, None, options.progress)?;
-        if off > 0.0 {
-            picture.light.packets = Some(self.packets(Some(off), light));
-        }
-        picture.draw((self.threads, self.plan.readers), &|_| true, samples)?;
-        let rays = picture.rays.load(Ordering::Relaxed);
-        Ok(Outcome { film: into_inner(picture.film), shares: None, census, rays })
-    }
-
-    /// So that no pixel is off by more than the scene's tolerance.
-    fn by_tolerance(
-        &self,
-        pixels: &PixelGrid,
-        options: &RenderOptions<'_>,
-        samples: &mut [u64],
-    ) -> Result<Outcome> {
-        let tolerance = self.scene.render.tolerance;
-        let is_exact = matches!(tolerance, Tolerance::Absolute(0.0) | Tolerance::Relative(0.0));
-        let glance = if is_exact && !pixels.has_area() { 0.0 } else { self.glance()? };
-        let mut goal = Goal {
-            tolerance: match tolerance {
-                _ if is_exact => EXACT * glance,
-                Tolerance::Absolute(value) => value,
-                Tolerance::Relative(part) if glance > 0.0 => FIRST_TRY * part * glance,
-                Tolerance::Relative(_) => f64::MIN_POSITIVE,
-            },
-            behind: glance,
-            rays_per_pixel: MOST_RAYS_PER_PIXEL
-                .min(
-                    MOST_RAYS
-                        / (u64::from(pixels.view().width()) * u64::from(pixels.view().height())),
-                )
-                .max(FEWEST_RAYS_PER_PIXEL),
-            all_levels: is_exact,
-        };
-        let transfer = self.transfer(if is_exact { 0.0 } else { goal.tolerance });
-        let pieces = self.pieces(&transfer);
-        let cut = goal.first_cut();
-        let census = self.census(pixels, &cut, pieces)?;
-        let method = if is_exact && !pixels.has_area() {
-            Method::Once { cut: Cut::FullDepth, accounts: true }
-        } else {
-            Method::Within(goal)
-        };
-        let allowed = if is_exact { None } else { Some(goal.tolerance) };
-        let mut picture =
-            self.picture(pixels, (&transfer, pieces), method, allowed, options.progress)?;
-        let part = match tolerance {
-            Tolerance::Relative(part) if !is_exact => Some(part),
-            _ => None,
-        };
-        if !is_exact {
-            let off = PACKET_SHARE * goal.tolerance;
-            picture.light.packets = Some(self.packets(Some(off), goal.behind));
-        }
-        self.draw_within(&mut picture, &mut goal, part, samples)?;
-        let rays = picture.rays.load(Ordering::Relaxed);
-        let shares = Some(worst(&lock(&picture.bounds)));
-        Ok(Outcome { film: into_inner(picture.film), shares, census, rays })
-    }
-
-    /// Draws `picture` within `goal`; where that is to be a part of the picture's largest value,
-    /// which is known only then, tiles that have turned out too coarse are drawn again. Those
-    /// whose levels and rays could not be brought within the goal are left: a smaller one changes
-    /// nothing.
-    fn draw_within(
-        &self,
-        picture: &mut Picture<'_, 's>,
-        goal: &mut Goal,
-        part: Option<f64>,
-        samples: &mut [u64],
-    ) -> Result<()> {
-        let mut is_drawn_again = vec![true; lock(&picture.bounds).len()];
-        let mut is_within = vec![true; is_drawn_again.len()];
-        for _ in 0..ATTEMPTS {
-            let wanted = |tile: u64| {
-                let wanted = usize::try_from(tile).ok().and_then(|tile| is_drawn_again.get(tile));
-                wanted.copied().unwrap_or(true)
-            };
-            picture.draw((self.threads, self.plan.readers), &wanted, samples)?;
-            let Some(part) = part else { return Ok(()) };
-            let shares = lock(&picture.bounds).clone();
-            for (n, shares) in shares.iter().enumerate().filter(|(n, _)| is_drawn_again[*n]) {
-                is_within[n] = shares.levels + shares.pixel_area <= goal.tolerance;
-            }
-            let bounds: Vec<f64> = shares.iter().map(ErrorShares::total).collect();
-            let good = bounds.iter().zip(&is_within).filter(|(_, is_within)| **is_within);
-            let bound = good.fold(0.0, |most, (bound, _)| bound.max(most));
-            let largest = f64::from(lock(&picture.film).largest_value());
-            let limit = part * (largest - bound).max(0.5 * largest);
-            is_drawn_again =
-                bounds.iter().zip(&is_within).map(|(b, within)| *within && *b > limit).collect();
-            // Where the goal would be the same, what is left is not for more work to change.
-            let is_settled = FIRST_TRY * limit >= 0.99 * goal.tolerance;
-            if is_settled || !is_drawn_again.contains(&true) {
-                return Ok(());
-            }
-            goal.tolerance = FIRST_TRY * limit;
-            goal.behind = largest;
-            if let Some(packets) = &mut picture.light.packets {
-                packets.allowed = Some(PACKET_SHARE * goal.tolerance);
-                packets.behind = goal.behind;
-            }
-            picture.method = Method::Within(*goal);
-        }
-        Ok(())
-    }
-
-    /// The largest value of a small picture, drawn without regard to its error.
-    fn glance(&self) -> Result<f64> {
-        let Scene { image, .. } = self.scene;
-        let scale = f64::from(GLANCE_PIXELS) / f64::from(image.width.max(image.height));
-        let mut scene = self.scene.clone();
-        if scale < 1.0 {
-            let scaled = |size: u32| ((f64::from(size) * scale).round() as u32).max(1);
-            (scene.image.width, scene.image.height) = (scaled(image.width), scaled(image.height));
-        }
-        let view = View::new(&scene, &self.cache.header().domain)?;
-        let pixels = PixelGrid::new(&view, Samples::Grid(1));
-        let cut = Cut::Footprint(FootprintCut::new(
-            1.0,
-            &scene,
-            &self.cache.header().domain,
-            self.cache.header().shape,
-        )?);
-        let method = Method::Once { cut, accounts: false };
-        let exact = (self.exact, self.pieces(self.exact));
-        let mut picture = self.picture(&pixels, exact, method, None, None)?;
-        picture.light.packets = Some(self.packets(None, 0.0));
-        picture.draw((self.threads, self.plan.readers), &|_| true, &mut [])?;
-        let film = into_inner(picture.film);
-        Ok(f64::from(film.largest_value()))
-    }
-
-    fn footprint_cut(&self, pixels_per_cell: f64) -> Result<Cut> {
-        if pixels_per_cell == 0.0 {
-            return Ok(Cut::FullDepth);
-        }
-        let Header { domain, shape, .. } = self.cache.header();
-        FootprintCut::new(pixels_per_cell, self.scene, domain, *shape).map(Cut::Footprint)
-    }
-
-    /// The transfer function, by formulas that let light be off by at most a twentieth of
-    /// `tolerance`: by emission times the longest way, or times the way that absorption leaves.
-    fn transfer(&self, tolerance: f64) -> TransferPieces {
-        let longest = diagonal(&self.cache.header().domain);
-        TransferPieces::new(&self.shading.transfer, |extinction| {
-            QUADRATURE_SHARE * tolerance * longest.recip().max(extinction)
-        })
-    }
-
-    /// What packets march by, which may be off by `allowed` along a ray.
-    fn packets(&self, allowed: Option<f64>, behind: f64) -> PacketTransfer {
-        let close = self.transfer(CLOSE * allowed.unwrap_or(0.0));
-        let longest = diagonal(&self.cache.header().domain);
-        let table = TransferTable::new(&self.exact.all, &close.merged);
-        PacketTransfer { table, close, allowed, longest, behind }
-    }
-
-    /// Values that are constant in each cell need no simpler formulas.
-    fn pieces<'t>(&self, transfer: &'t TransferPieces) -> &'t PieceList {
-        match self.shading.interpolation {
-            Interpolation::Linear => &transfer.merged,
-            Interpolation::Cell => &transfer.all,
-        }
-    }
-
-    fn picture<'p>(
-        &'p self,
-        pixels: &'p PixelGrid,
-        (transfer, pieces): (&TransferPieces, &'p PieceList),
-        method: Method,
-        allowed: Option<f64>,
-        progress: Option<&'p (dyn Fn(u64, u64) + Sync)>,
-    ) -> Result<Picture<'p, 's>> {
-        let header = self.cache.header();
-        let view = pixels.view();
-        let longest = diagonal(&header.domain);
-        let brightest = transfer.brightest().min(transfer.largest_emission() * longest);
-        let tiles = usize::try_from(pixels.tiles()).unwrap_or(usize::MAX);
-        Ok(Picture {
-            cache: self.cache,
-            light: Light {
-                pieces,
-                ending: Ending::new(brightest, ENDING_SHARE * allowed.unwrap_or(0.0)),
-                packets: None,
-            },
-            scenery: Scenery { header, view, pixels, shading: self.shading, bounds: pieces },
-            method,
-            pool: self.pool,
-            film: Mutex::new(Film::new(view.width(), view.height())?),
-            bounds: Mutex::new(vec![ErrorShares::default(); tiles]),
-            progress,
-            next_tile: AtomicU64::new(0),
-            tiles_done: AtomicU64::new(0),
-            rays: AtomicU64::new(0),
-            is_stopped: AtomicBool::new(false),
-        })
-    }
-
-    /// One walk of the index over the whole picture.
-    fn census(&self, pixels: &PixelGrid, cut: &Cut, bounds: &PieceList) -> Result<Census> {
-        let header = self.cache.header();
-        let scenery =
-            Scenery { header, view: pixels.view(), pixels, shading: self.shading, bounds };
-        let mut index = FieldIndex { cursor: self.cache.cursor(), field: self.shading.field };
-        let mut walk = Walk::new(&scenery, &mut index, Census::default(), cut, pixels.whole());
-        while walk.next(|_| 1.0)?.is_some() {}
-        Ok(walk.into_tally())
-    }
-}
-
-/// The part of a tolerance that simpler formulas along rays may take.
-const QUADRATURE_SHARE: f64 = 0.05;
-/// How much closer the transfer function is followed where packets bound its bends.
-const CLOSE: f64 = 0.02;
-/// The part of a tolerance that the march of packets may take.
-const PACKET_SHARE: f64 = 0.25;
-/// The part of a tolerance that may be lost behind a ray's end.
-const ENDING_SHARE: f64 = 0.02;
-
-fn into_inner<T>(mutex: Mutex<T>) -> T {
-    mutex.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner)
-}
-
-/// The largest of the tiles' errors.
-fn worst(bounds: &[ErrorShares]) -> ErrorShares {
-    let largest = |a: ErrorShares, b: &ErrorShares| if a.total() >= b.total() { a } else { *b };
-    bounds.iter().fold(ErrorShares::default(), largest)
-}
-
-/// The domain's diagonal, code length.
-fn diagonal(domain: &Domain) -> f64 {
-    domain.difference(&domain.upper(), &domain.cell_corner(0, [0; 3])).length()
 }
 
 fn absolute(tolerance: Tolerance, film: &Film) -> f64 {

@@ -11,9 +11,8 @@ use super::cut::Cut;
 use super::load::{BrickLoader, BrickRequest, BrickScratch};
 use super::march::Light;
 use super::memory::STACK_BYTES;
-use super::ray_error::ErrorShares;
 use super::rays::PixelRect;
-use super::refine::{Batch, Goal, Sheet};
+use super::refine::{Batch, Goal, Sheet, TileError};
 use super::scaled::ScaledBrick;
 use super::tile::Tile;
 use super::tree_walk::{FieldIndex, Scenery, Step, Walk};
@@ -35,7 +34,7 @@ pub(super) struct Picture<'r, 's> {
     pub(super) pool: &'r Pool<'s, BrickLoader<'s>>,
     pub(super) film: Mutex<Film>,
     /// How far each tile may be off.
-    pub(super) bounds: Mutex<Vec<ErrorShares>>,
+    pub(super) errors: Mutex<Vec<TileError>>,
     pub(super) progress: Option<&'r (dyn Fn(u64, u64) + Sync)>,
     pub(super) next_tile: AtomicU64,
     pub(super) tiles_done: AtomicU64,
@@ -196,11 +195,9 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
             let outcome = self.tile.outcome(&picture.light);
             sheet.judge(picture.scenery.pixels, &batch, outcome);
         }
-        let shares = sheet.shares();
-        if let Some(bound) =
-            lock(&picture.bounds).get_mut(usize::try_from(tile).unwrap_or(usize::MAX))
-        {
-            *bound = shares;
+        let number = usize::try_from(tile).unwrap_or(usize::MAX);
+        if let Some(error) = lock(&picture.errors).get_mut(number) {
+            *error = sheet.error();
         }
         let width = rect.hi[0] - rect.lo[0];
         lock(&picture.film).write_rectangle(rect.lo[0], rect.lo[1], width, sheet.pixels())
@@ -211,7 +208,7 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
         let mut index =
             FieldIndex { cursor: picture.cache.cursor(), field: picture.scenery.shading.field };
         picture.rays.fetch_add(batch.squares.len() as u64, Ordering::Relaxed);
-        self.tile.start(picture.scenery.pixels, rect, &batch.squares);
+        self.tile.start(picture.scenery.pixels, rect, (&batch.squares, batch.has_area));
         let mut walk = Walk::new(&picture.scenery, &mut index, (), &batch.cut, rect);
         while !picture.is_stopped() {
             self.look_ahead(&mut walk)?;

@@ -101,6 +101,8 @@ pub struct PixelGrid {
     samples: Samples,
     /// Edge of a tile, pixels.
     tile: u32,
+    /// How wide what a ray stands for is, in pixels.
+    part: f64,
 }
 
 impl PixelGrid {
@@ -110,7 +112,13 @@ impl PixelGrid {
             Samples::Area => 1,
             Samples::Grid(n) => n.clamp(1, TILE_SIDE),
         };
-        Self { view: view.clone(), samples, tile: (TILE_SIDE / per_axis).max(1) }
+        Self { view: view.clone(), samples, tile: (TILE_SIDE / per_axis).max(1), part: 1.0 }
+    }
+
+    /// The pixels of `view` as samples of those of a larger picture: each has the area of one that
+    /// is `part` as wide.
+    pub fn sparse(view: &View, part: f64) -> Self {
+        Self { part, ..Self::new(view, Samples::Area) }
     }
 
     /// The camera.
@@ -149,17 +157,14 @@ impl PixelGrid {
         self.view.plane(square.centre[0], square.centre[1])
     }
 
-    /// Half the square's width in P and Q; 0 for rays that stand for themselves.
+    /// Half the square's width in P and Q.
     pub fn half(&self, square: &Square) -> DVec2 {
-        match self.samples {
-            Samples::Area => self.pixel_size() * square.half(),
-            Samples::Grid(_) => DVec2::ZERO,
-        }
+        self.pixel_size() * square.half()
     }
 
-    /// Width and height of a pixel in P and Q.
+    /// Width and height in P and Q of what a pixel stands for.
     fn pixel_size(&self) -> DVec2 {
-        (self.view.plane(1.0, 1.0) - self.view.plane(0.0, 0.0)).abs()
+        (self.view.plane(1.0, 1.0) - self.view.plane(0.0, 0.0)).abs() * self.part
     }
 
     /// The rays with which the pixels of `rect` begin, pixel by pixel, row by row.

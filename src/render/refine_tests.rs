@@ -46,7 +46,12 @@ fn draw(sheet: &mut Sheet, samples: &str, goal: Goal, errors: &Errors) -> u64 {
         assert!(!batch.squares.is_empty() && batch.squares.len() <= BATCH_RAYS);
         assert!(batch.squares.is_sorted_by_key(|square| square.pixel));
         rays += batch.squares.len() as u64;
-        let outcome = |square: &Square| (*square, [1.0; 4], errors.of(square, &batch.cut));
+        let outcome = |square: &Square| Found {
+            square: *square,
+            value: [1.0; 4],
+            shares: errors.of(square, &batch.cut),
+            uneven: None,
+        };
         sheet.judge(&grid, &batch, batch.squares.iter().map(outcome));
     }
     rays
@@ -68,7 +73,17 @@ fn assert_whole(sheet: &mut Sheet) {
 }
 
 fn goal(rays_per_pixel: u64, all_levels: bool) -> Goal {
-    Goal { tolerance: TOLERANCE, behind: 1.0, rays_per_pixel, all_levels }
+    let (behind, alone_per_pixel) = (1.0, rays_per_pixel);
+    let tolerance = TOLERANCE;
+    Goal {
+        tolerance,
+        behind,
+        rays_per_pixel,
+        alone_per_pixel,
+        certifies: true,
+        power: 1.0,
+        all_levels,
+    }
 }
 
 proptest! {
@@ -82,10 +97,10 @@ proptest! {
         let mut sheet = Sheet::default();
         draw(&mut sheet, "\"area\"", goal(u64::MAX, all_levels), &errors);
         for pixel in &sheet.pixels {
-            let total = pixel.shares.total();
+            let total = pixel.bound().total();
             prop_assert!(total <= TOLERANCE * (1.0 + 1e-9), "{total} {pixel:?}");
         }
-        prop_assert!(sheet.shares().total() <= TOLERANCE * (1.0 + 1e-9));
+        prop_assert!(sheet.error().shares.total() <= TOLERANCE * (1.0 + 1e-9));
         assert_whole(&mut sheet);
     }
 
@@ -99,8 +114,8 @@ proptest! {
         // The batch in hand is marched.
         prop_assert!(rays < 63 * most.max(1) + BATCH_RAYS as u64, "{rays}, not {most} a pixel");
         assert_whole(&mut sheet);
-        let worst = sheet.pixels.iter().map(|p| p.shares.total()).fold(0.0, f64::max);
-        prop_assert_eq!(sheet.shares().total(), worst);
+        let worst = sheet.pixels.iter().map(|p| p.bound().total()).fold(0.0, f64::max);
+        prop_assert_eq!(sheet.error().shares.total(), worst);
     }
 
     #[test]
@@ -108,7 +123,7 @@ proptest! {
         let errors = Errors { area: vec![0.0], ..errors };
         let mut sheet = Sheet::default();
         draw(&mut sheet, "3", goal(u64::MAX, false), &errors);
-        prop_assert!(sheet.shares().total() <= TOLERANCE * (1.0 + 1e-9));
+        prop_assert!(sheet.error().shares.total() <= TOLERANCE * (1.0 + 1e-9));
         assert_whole(&mut sheet);
     }
 }
@@ -118,4 +133,86 @@ fn a_tile_that_is_good_enough_takes_one_ray_a_pixel() {
     let errors = Errors { area: vec![0.1], order: 1, levels: 1.0, fixed: 0.1 };
     let rays = draw(&mut Sheet::default(), "\"area\"", goal(u64::MAX, false), &errors);
     assert_eq!(rays, 63);
+}
+
+/// Rays of what `light` says at each place, which may be off by `bound` as squares.
+fn draw_light(
+    [width, height]: [u32; 2],
+    light: impl Fn([f64; 2]) -> f64,
+    bound: impl Fn(&Square) -> f64,
+    check: impl Fn(usize, usize, &Pixel),
+) -> (u64, TileError) {
+    let scene = scene("samples = \"area\"", width, height);
+    let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+    let mut sheet = Sheet::default();
+    let goal = Goal { alone_per_pixel: 400, ..goal(64, false) };
+    sheet.start(&grid, grid.tile(0), &Method::Within(goal));
+    let mut rays = 0;
+    while let Some(batch) = sheet.next(&grid) {
+        rays += batch.squares.len() as u64;
+        let outcome = |square: &Square| Found {
+            square: *square,
+            value: [light(square.centre); 4],
+            shares: ErrorShares {
+                pixel_area: if batch.has_area { bound(square) } else { 0.0 },
+                ..ErrorShares::default()
+            },
+            uneven: None,
+        };
+        sheet.judge(&grid, &batch, batch.squares.iter().map(outcome));
+    }
+    for (n, pixel) in sheet.pixels.iter().enumerate() {
+        check(n % width as usize, n / width as usize, pixel);
+    }
+    (rays, sheet.error())
+}
+
+#[test]
+fn where_no_bound_will_do_pixels_are_within_the_tolerance_all_the_same() {
+    // Edges, bends and ripples; the mean is taken of far more rays.
+    let light = |[x, y]: [f64; 2]| {
+        let edge = 0.4 / (1.0 + (-20.0 * (x + 0.3 * y - 5.1)).exp());
+        0.2 + edge + 0.01 * (x * y).sin() + 0.003 * (9.0 * x - 7.0 * y).sin()
+    };
+    let mean = |x: usize, y: usize| {
+        let at = |n: usize, k: usize| n as f64 + (k as f64 + 0.5) / 256.0;
+        let rows = (0..256).map(|k| (0..256).map(|j| light([at(x, j), at(y, k)])).sum::<f64>());
+        rows.sum::<f64>() / 65536.0
+    };
+    let bound = |_: &Square| 1e4 * TOLERANCE;
+    let (rays, error) = draw_light([9, 7], light, bound, |x, y, pixel| {
+        let off = (pixel.value[0] - mean(x, y)).abs();
+        assert!(off <= TOLERANCE, "{off} at {x}, {y}");
+        assert!(off <= pixel.estimate() && pixel.estimate() <= TOLERANCE, "{}", pixel.estimate());
+        assert!(
+            pixel.bound().total() >= bound(&Square { centre: [0.0; 2], pixel: 0, halvings: 0 })
+        );
+    });
+    assert!(error.estimate <= TOLERANCE && error.shares.total() > TOLERANCE);
+    assert!(rays < 63 * 350, "{rays}");
+    // What is even takes but a few.
+    let (rays, _) = draw_light([9, 7], |_| 0.5, bound, |_, _, _| {});
+    assert!(rays <= 63 * 21, "{rays}");
+}
+
+#[test]
+fn what_is_small_and_shines_is_not_lost_between_rays() {
+    // A spot of a thousandth of a pixel, as bright as a pixel all of it; squares know that it is
+    // near. The rows above are rough, so that all rays for themselves are spent there.
+    let (at, radius) = ([4.813, 13.377], 1e-3_f64);
+    let brightness = (std::f64::consts::TAU * radius * radius).recip();
+    let distance = |[x, y]: [f64; 2]| (x - at[0]).hypot(y - at[1]);
+    let light = |[x, y]: [f64; 2]| {
+        let rough = if y < 10.0 { 0.2 * (1e4 * (x * y).sin()).sin() } else { 0.0 };
+        0.3 + rough + brightness * (-0.5 * (distance([x, y]) / radius).powi(2)).exp()
+    };
+    let bound = |square: &Square| {
+        let is_near = distance(square.centre) < 5.0 * radius + 1.5 * square.half();
+        100.0 * TOLERANCE + if is_near { brightness.min(square.weight().recip()) } else { 0.0 }
+    };
+    draw_light([64, 16], light, bound, |x, y, pixel| {
+        let truth = if (x, y) == (4, 13) { 1.3 } else { 0.3 };
+        let off = (pixel.value[0] - truth).abs();
+        assert!(y < 10 || off <= 2.0 * TOLERANCE, "{off} at {x}, {y}");
+    });
 }

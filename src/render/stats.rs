@@ -84,6 +84,10 @@ pub struct Stats {
     pub error_bound: Option<f64>,
     /// What the bound of the worst pixel is made of.
     pub error_shares: Option<ErrorShares>,
+    /// What the picture's pixels are off by in all likelihood: where the bound of a pixel is above
+    /// the tolerance, as the differences of its rays tell (three standard deviations); elsewhere
+    /// the bound. No certificate. Null for settings by hand.
+    pub error_estimate: Option<f64>,
     /// Threads that march.
     pub threads: usize,
 }

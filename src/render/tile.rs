@@ -8,11 +8,12 @@ use super::interpolant::DrawnNeighbours;
 use super::lanes::MOST_LANES;
 use super::march::{Beam, Light, Passage, march};
 use super::march_packets::{Packets, Passenger, Rays};
-use super::ray_error::{ErrorShares, RayError};
+use super::ray_error::RayError;
 use super::ray_state::RayState;
 use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
 use super::scaled::ScaledBrick;
 use super::tree_walk::Step;
+use super::waiting::Found;
 
 /// How many rays are looked at one by one for the brightest that still needs light.
 const FEW_RAYS: usize = 64;
@@ -22,6 +23,8 @@ const FEW_RAYS: usize = 64;
 #[derive(Debug)]
 pub(super) struct Tile {
     rect: PixelRect,
+    /// Whether rays stand for their squares, not for themselves.
+    has_area: bool,
     /// The squares, pixel by pixel.
     squares: Vec<Square>,
     /// Where their centres are on the image plane, and half their width there.
@@ -51,6 +54,7 @@ impl Tile {
     pub(super) fn new() -> Self {
         Self {
             rect: PixelRect { lo: [0; 2], hi: [0; 2] },
+            has_area: false,
             squares: Vec::with_capacity(BATCH_RAYS),
             planes: Vec::with_capacity(BATCH_RAYS),
             states: Vec::with_capacity(BATCH_RAYS),
@@ -62,13 +66,20 @@ impl Tile {
         }
     }
 
-    /// Sets the rays of `squares` off, which lie in pixels of `rect` and are in their order.
-    pub(super) fn start(&mut self, grid: &PixelGrid, rect: PixelRect, squares: &[Square]) {
-        self.rect = rect;
+    /// Sets the rays of `squares` off, which lie in pixels of `rect` and are in their order. With
+    /// `has_area` they stand for these squares, else for themselves.
+    pub(super) fn start(
+        &mut self,
+        grid: &PixelGrid,
+        rect: PixelRect,
+        (squares, has_area): (&[Square], bool),
+    ) {
+        (self.rect, self.has_area) = (rect, has_area);
         self.squares.clear();
         self.squares.extend_from_slice(squares);
         self.planes.clear();
-        self.planes.extend(squares.iter().map(|square| [grid.plane(square), grid.half(square)]));
+        let half = |square| if has_area { grid.half(square) } else { DVec2::ZERO };
+        self.planes.extend(squares.iter().map(|square| [grid.plane(square), half(square)]));
         self.states.clear();
         self.states.resize(squares.len(), RayState::default());
         self.errors.clear();
@@ -142,7 +153,7 @@ impl Tile {
     ) -> u64 {
         let passage = Passage { brick, region: step.region, drawn, hides: step.hides };
         let diagonal = step.frame.cell_width.length();
-        let has_squares = accounts && grid.has_area();
+        let has_squares = accounts && self.has_area;
         let in_packets = self.packets.enter(&passage, light, (diagonal, care), has_squares);
         let mut samples = 0;
         for row in step.pixels.rows() {
@@ -189,17 +200,15 @@ impl Tile {
     }
 
     /// Each square with what its ray has gathered (R, G, B, A) and how far that may be off.
-    pub(super) fn outcome<'t>(
-        &'t self,
-        light: &'t Light<'_>,
-    ) -> impl Iterator<Item = (Square, [f64; 4], ErrorShares)> + 't {
+    pub(super) fn outcome<'t>(&'t self, light: &'t Light<'_>) -> impl Iterator<Item = Found> + 't {
         let rays = self.squares.iter().zip(&self.states).zip(&self.errors);
         rays.map(|((square, state), error)| {
             let [r, g, b] = state.radiance;
             let ending = &light.ending;
             let rest = if state.is_done(ending) { ending.brightest } else { 0.0 };
             let shares = error.shares(state.light(), state.opacity(), ending.brightest, rest);
-            (*square, [r, g, b, state.opacity()], shares)
+            let value = [r, g, b, state.opacity()];
+            Found { square: *square, value, shares, uneven: None }
         })
     }
 }
@@ -249,7 +258,7 @@ mod tests {
         let (mut tile, mut squares) = (Tile::new(), Vec::new());
         let whole = rect([64, 128], [64, 70]);
         grid.first_squares(&whole, &mut squares);
-        tile.start(&grid, whole, &squares);
+        tile.start(&grid, whole, (&squares, false));
         assert_eq!(tile.needs(&rect([64, 65], [64, 65])), 1.0);
         assert_eq!(tile.needs(&rect([127, 128], [69, 70])), 1.0);
         tile.alive[2] = 1 << 63;
@@ -258,7 +267,7 @@ mod tests {
         assert_eq!(tile.needs(&rect([64, 127], [66, 67])), 0.0);
         assert_eq!(tile.needs(&rect([64, 127], [65, 67])), 1.0);
         squares.retain(|square| square.pixel % 64 == 5);
-        tile.start(&grid, whole, &squares);
+        tile.start(&grid, whole, (&squares, false));
         assert_eq!(tile.needs(&rect([64, 69], [64, 70])), 0.0);
         assert_eq!(tile.row(&rect([64, 128], [66, 67]), 66), 2..3);
         assert_eq!(tile.needs(&rect([69, 70], [69, 70])), 1.0);

@@ -11,10 +11,28 @@ use super::rays::{BATCH_RAYS, Square};
 /// fewer squares wait; the more, the more rays are marched together.
 pub(super) const GROUP_PIXELS: usize = 256;
 /// Squares that wait, at most.
-const MOST_WAITING: usize = 32 << 10;
+const MOST_WAITING: usize = 24 << 10;
 
-/// What a ray has found: its square, radiance and opacity, and what they may be off by.
-pub(super) type Found = (Square, [f64; 4], ErrorShares);
+/// What a ray has found.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Found {
+    pub(super) square: Square,
+    /// Radiance and opacity.
+    pub(super) value: [f64; 4],
+    /// What they may be off by.
+    pub(super) shares: ErrorShares,
+    /// How its square's mean may differ from it, if that has been seen.
+    pub(super) uneven: Option<Unevenness>,
+}
+
+/// What the centres of a square and its quarters tell of each quarter.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Unevenness {
+    /// The standard deviation of its rays, but for what is alike in all quarters.
+    pub(super) spread: f32,
+    /// By how much its mean exceeds its centre's ray, if values bend alike everywhere in the square.
+    pub(super) bend: [f32; 4],
+}
 
 /// What is to be done with squares.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,6 +43,8 @@ pub(super) struct ToDo {
     /// How they have been marched, and are to be.
     pub(super) before: Care,
     pub(super) care: Care,
+    /// As rays for themselves: what their squares' mean is, their differences tell.
+    pub(super) alone: bool,
 }
 
 /// Squares alike in what is to be done with them and in the harm that they do.
@@ -74,9 +94,14 @@ impl Waiting {
             return false;
         }
         self.count += 1;
+        let harmful = match found.uneven {
+            _ if !to_do.alone => found.shares.total(),
+            Some(uneven) => f64::from(uneven.spread),
+            None => f64::INFINITY,
+        };
         let (group, harm) = match weight {
             Some(weight) => {
-                (usize::from(found.0.pixel) / GROUP_PIXELS, harm(weight * found.2.total()))
+                (usize::from(found.square.pixel) / GROUP_PIXELS, harm(weight * harmful))
             }
             None => (0, 0),
         };
@@ -107,12 +132,19 @@ mod tests {
     use super::*;
 
     fn to_do(quartered: bool) -> ToDo {
-        ToDo { quartered, cut: Cut::FullDepth, before: Care::Exact, care: Care::Exact }
+        ToDo {
+            quartered,
+            cut: Cut::FullDepth,
+            before: Care::Exact,
+            care: Care::Exact,
+            alone: false,
+        }
     }
 
     fn found(pixel: u16, error: f64) -> Found {
         let square = Square { centre: [0.5; 2], pixel, halvings: 0 };
-        (square, [0.0; 4], ErrorShares { pixel_area: error, ..ErrorShares::default() })
+        let shares = ErrorShares { pixel_area: error, ..ErrorShares::default() };
+        Found { square, value: [0.0; 4], shares, uneven: None }
     }
 
     #[test]
@@ -127,8 +159,8 @@ mod tests {
         assert_eq!(waiting.of_group(0).count(), 5);
         let mut pixels = Vec::new();
         while let Some((group, found, _)) = waiting.pop() {
-            assert!(found.iter().all(|f| usize::from(f.0.pixel) / GROUP_PIXELS == group));
-            pixels.extend(found.iter().map(|f| f.0.pixel));
+            assert!(found.iter().all(|f| usize::from(f.square.pixel) / GROUP_PIXELS == group));
+            pixels.extend(found.iter().map(|f| f.square.pixel));
         }
         assert_eq!(pixels, [2, 4, 1, 0, 3, far]);
     }

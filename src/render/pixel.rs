@@ -1,0 +1,266 @@
+//! What is known of a pixel while its rays come in: its value, how far it is off at most, and,
+//! where that stays too much, how far it is off as far as its rays' differences tell.
+//!
+//! Squares come in two ways. One by one, each with a bound of what its mean differs from its
+//! centre's ray by: they make the pixel's *certified* value. Where that bound stays above the
+//! tolerance, squares are quartered on, and the rays of their quarters stand for themselves. What
+//! these say is closer to the truth, and the certificate holds with the distance of both values
+//! added to it.
+
+use super::ray_error::ErrorShares;
+use super::waiting::{Found, Unevenness};
+use crate::sum::Sum;
+
+/// Standard deviations that an estimated error counts as.
+const DEVIATIONS: f64 = 3.0;
+/// The part of a square's spread that its quarters keep at least: a quarter is what a quadratic
+/// leaves. Five rays beside an edge may be alike by accident.
+const LEAST_LEFT: f32 = 0.35;
+
+/// A pixel in hand.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Pixel {
+    /// What it is, as far as it is known.
+    pub(super) value: [f64; 4],
+    /// The value that `shares` belong to, and their part of the pixel.
+    certified: [f64; 4],
+    pub(super) shares: ErrorShares,
+    pub(super) weight: f64,
+    /// What squares that were taken as they are may add to what it is off by.
+    taken: f64,
+    /// Squares whose rays stand for themselves, with what these alone may be off by.
+    alone: Alone,
+}
+
+/// Squares that are left, added up. A core that shines adds far more than what is left of it once
+/// its square is quartered, so that rounding must not stay.
+#[derive(Debug, Clone, Copy, Default)]
+struct Alone {
+    /// The variance of what they add to the pixel, and what their means exceed their centres' rays
+    /// by together, without those of which nothing is known yet.
+    variance: Sum,
+    bend: [Sum; 4],
+    /// How many these are.
+    unknown: u32,
+    /// What their rays may be off by, where that is known.
+    own: Sum,
+    /// The variance as four rays of the whole pixel told it.
+    first: Option<f64>,
+}
+
+impl Pixel {
+    /// The error that a square of what is not known yet may have on average, where the whole may
+    /// have `allowed`.
+    pub(super) fn rate(&self, allowed: f64) -> f64 {
+        let open = 1.0 - self.weight;
+        if open > 1e-9 { ((allowed - self.shares.total()) / open).max(allowed) } else { allowed }
+    }
+
+    /// Takes a square that is `weight` of it as it is.
+    pub(super) fn take(&mut self, found: &Found, weight: f64) {
+        self.certify(found, weight);
+        self.taken += weight * found.shares.total();
+        self.draw(found, weight);
+    }
+
+    fn certify(&mut self, found: &Found, weight: f64) {
+        add(&mut self.certified, &found.value, weight);
+        self.shares.add(&found.shares, weight);
+        self.weight += weight;
+    }
+
+    /// Leaves a square to rays that stand for themselves: its bound is what it is.
+    pub(super) fn leave(&mut self, found: &Found, weight: f64) {
+        self.certify(found, weight);
+        match &found.uneven {
+            Some(uneven) => {
+                self.alone.count(uneven, weight, 1.0);
+                self.alone.own.add(weight * own(&found.shares));
+                if found.square.halvings == 1 {
+                    self.alone.first = Some(4.0 * uneven.variance(weight));
+                }
+            }
+            None => self.alone.unknown += 1,
+        }
+    }
+
+    /// Takes a square of those left, or a quarter of one, as it is.
+    pub(super) fn draw(&mut self, found: &Found, weight: f64) {
+        add(&mut self.value, &found.value, weight);
+    }
+
+    /// Learns of the quarters of a square left, `weight` of the pixel: that they are uneven, and
+    /// what their rays may be off by.
+    pub(super) fn learn(
+        &mut self,
+        whole: &Found,
+        quarters: &Unevenness,
+        weight: f64,
+        shares: &ErrorShares,
+    ) {
+        let alone = &mut self.alone;
+        match &whole.uneven {
+            Some(uneven) => {
+                alone.count(uneven, weight, -1.0);
+                alone.own.add(-weight * own(&whole.shares));
+            }
+            None => alone.unknown = alone.unknown.saturating_sub(1),
+        }
+        alone.count(quarters, 0.25 * weight, 4.0);
+        if whole.square.halvings == 0 {
+            alone.first = Some(4.0 * quarters.variance(0.25 * weight));
+        }
+        alone.own.add(weight * own(shares));
+    }
+
+    /// The variance that its first four rays told.
+    pub(super) fn first_variance(&self) -> Option<f64> {
+        self.alone.first
+    }
+
+    /// What its mean may be off by in all likelihood, where its variance is taken for at least
+    /// `least`; infinite while something is unknown.
+    pub(super) fn unlikely(&self, least: f64) -> f64 {
+        if self.alone.unknown > 0 {
+            return f64::INFINITY;
+        }
+        let bend = self.alone.bend.iter().fold(0.0, |most: f64, bend| most.max(bend.value().abs()));
+        DEVIATIONS * self.alone.variance.value().max(least).max(0.0).sqrt() + bend
+    }
+
+    /// What it is off by at most.
+    pub(super) fn bound(&self) -> ErrorShares {
+        let distance = |n: usize| (self.value[n] - self.certified[n]).abs();
+        let pixel_area = self.shares.pixel_area + (0..4).map(distance).fold(0.0, f64::max);
+        ErrorShares { pixel_area, ..self.shares }
+    }
+
+    /// What it is off by as far as its rays tell, and not more than the bound.
+    pub(super) fn estimate(&self) -> f64 {
+        (self.taken + self.unlikely(0.0) + self.alone.own.value()).min(self.bound().total())
+    }
+}
+
+/// What a ray may be off by itself.
+fn own(shares: &ErrorShares) -> f64 {
+    shares.total() - shares.pixel_area
+}
+
+fn add(sum: &mut [f64; 4], value: &[f64; 4], weight: f64) {
+    sum.iter_mut().zip(value).for_each(|(sum, value)| *sum += weight * value);
+}
+
+impl Alone {
+    /// Counts `times` as many squares, each `weight` of the pixel.
+    fn count(&mut self, uneven: &Unevenness, weight: f64, times: f64) {
+        self.variance.add(times * uneven.variance(weight));
+        for (sum, bend) in self.bend.iter_mut().zip(uneven.bend) {
+            sum.add(times * weight * f64::from(bend));
+        }
+    }
+}
+
+impl Unevenness {
+    /// Of the quarters of a square, from its centre's ray and theirs.
+    pub(super) fn of(whole: &Found, quarters: [&[f64; 4]; 4]) -> Self {
+        let (whole, before) = (&whole.value, whole.uneven.map_or(0.0, |uneven| uneven.spread));
+        let channel = |n: usize| {
+            let [a, b, c, d] = quarters.map(|quarter| quarter[n]);
+            (0.25 * ((a - b) - (c - d)), 0.25 * (a + b + c + d) - whole[n])
+        };
+        // Of independent values of variance σ² the first have σ²/4, the second 5/4·σ². What varies
+        // linearly counts for nothing, since centres of quarters have its mean.
+        let variance = |n: usize| {
+            let (twist, beside) = channel(n);
+            0.5 * (4.0 * twist * twist + 0.8 * beside * beside)
+        };
+        let spread = (0..4).map(variance).fold(0.0, f64::max).sqrt() as f32;
+        // Of a quadratic, midpoints of quarters are off by a quarter of what that of the square is.
+        Self {
+            spread: spread.max(LEAST_LEFT * before),
+            bend: std::array::from_fn(|n| (channel(n).1 / 3.0) as f32),
+        }
+    }
+
+    /// What a square that is `weight` of its pixel adds to its variance.
+    fn variance(&self, weight: f64) -> f64 {
+        (weight * f64::from(self.spread)).powi(2)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::rays::Square;
+
+    const CENTRE: [f64; 2] = [3.5, 2.5];
+
+    fn found(square: Square, of: impl Fn([f64; 2]) -> f64) -> Found {
+        let value = [of(square.centre); 4];
+        Found { square, value, shares: ErrorShares::default(), uneven: None }
+    }
+
+    fn whole() -> Square {
+        Square { centre: CENTRE, pixel: 0, halvings: 0 }
+    }
+
+    fn uneven(of: impl Fn([f64; 2]) -> f64 + Copy) -> Unevenness {
+        let quarters = whole().quarters().map(|quarter| found(quarter, of));
+        Unevenness::of(&found(whole(), of), std::array::from_fn(|n| &quarters[n].value))
+    }
+
+    #[test]
+    fn slopes_are_even_and_bends_are_what_midpoints_miss() {
+        let slope = uneven(|[x, y]| 5.0 + 3.0 * x - 2.0 * y);
+        assert!(slope.spread < 1e-6 && slope.bend.iter().all(|bend| bend.abs() < 1e-6));
+        // The mean of (x − c)² over a quarter is its centre's and 1/48 more.
+        let bent = uneven(|[x, _]| (x - CENTRE[0]).powi(2));
+        assert!(bent.bend.iter().all(|bend| (bend - 1.0 / 48.0).abs() < 1e-6), "{bent:?}");
+    }
+
+    #[test]
+    fn independent_rays_spread_as_they_do() {
+        let count = 20_000;
+        let hash = |n: u64| {
+            let n = (n + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            let n = (n ^ n >> 31).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            (n >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        let variance: f64 = (0..count)
+            .map(|n| {
+                let values: [[f64; 4]; 5] = std::array::from_fn(|k| [hash(5 * n + k as u64); 4]);
+                let quarters = std::array::from_fn(|k| &values[k + 1]);
+                let whole = Found { value: values[0], ..found(whole(), |_| 0.0) };
+                f64::from(Unevenness::of(&whole, quarters).spread).powi(2)
+            })
+            .sum::<f64>()
+            / count as f64;
+        // Of numbers between 0 and 1: 1/12.
+        assert!((variance * 12.0 - 1.0).abs() < 0.03, "{variance}");
+    }
+
+    #[test]
+    fn what_is_bright_leaves_nothing_behind_once_it_is_known() {
+        let mut pixel = Pixel::default();
+        let bright = |spread| Unevenness { spread, bend: [-spread; 4] };
+        let mut square = whole();
+        pixel.leave(&found(square, |_| 0.0), 1.0);
+        assert_eq!(pixel.unlikely(0.0), f64::INFINITY);
+        let mut weight = 1.0;
+        let mut before = None;
+        for spread in [1e17, 1e19, 1e12, 1e-3] {
+            let whole = Found { uneven: before, ..found(square, |_| 0.0) };
+            let quarters = bright(spread);
+            pixel.learn(&whole, &quarters, weight, &ErrorShares::default());
+            // The other three turn out to be dark.
+            for quarter in &square.quarters()[1..] {
+                let quarter = Found { uneven: Some(quarters), ..found(*quarter, |_| 0.0) };
+                pixel.learn(&quarter, &bright(0.0), 0.25 * weight, &ErrorShares::default());
+            }
+            (square, before) = (square.quarters()[0], Some(quarters));
+            weight *= 0.25;
+        }
+        let expected = weight * 1e-3 * (DEVIATIONS + 1.0);
+        assert!((pixel.unlikely(0.0) / expected - 1.0).abs() < 1e-5, "{}", pixel.unlikely(0.0));
+    }
+}

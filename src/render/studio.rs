@@ -1,0 +1,384 @@
+//! One picture, from its plan to its film: the goal that a tolerance makes, the transfer function as
+//! simple as that allows, and tiles that are drawn again where a relative tolerance asks for it.
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use super::census::Census;
+use super::cut::{Cut, FootprintCut};
+use super::grade::PacketTransfer;
+use super::load::BrickLoader;
+use super::march::Light;
+use super::memory::MemoryPlan;
+use super::picture::{Method, Picture, lock};
+use super::ray_state::Ending;
+use super::rays::PixelGrid;
+use super::refine::{Goal, TileError};
+use super::shading::Shading;
+use super::transfer_pieces::{PieceList, TransferPieces};
+use super::transfer_table::TransferTable;
+use super::tree_walk::{FieldIndex, Scenery, Walk};
+use super::view::View;
+use super::{FixedSetting, RenderOptions};
+use crate::Result;
+use crate::cache::{Cache, Header};
+use crate::image::Film;
+use crate::paging::Pool;
+use crate::scene::{Interpolation, Samples, Scene, Tolerance};
+use crate::space::Domain;
+
+/// A finished picture, before statistics are made of it.
+pub(super) struct Outcome {
+    pub(super) film: Film,
+    /// How far its worst pixel may be off, if that is known.
+    pub(super) error: Option<TileError>,
+    pub(super) census: Census,
+    pub(super) rays: u64,
+}
+
+/// What all attempts at a picture share.
+pub(super) struct Studio<'s> {
+    pub(super) cache: &'s Cache,
+    pub(super) scene: &'s Scene,
+    pub(super) shading: &'s Shading,
+    /// The transfer function without simplifications.
+    pub(super) exact: &'s TransferPieces,
+    pub(super) pool: &'s Pool<'s, BrickLoader<'s>>,
+    pub(super) plan: &'s MemoryPlan,
+    pub(super) threads: usize,
+}
+
+/// A glance is at most this many pixels wide or high.
+const GLANCE_PIXELS: u32 = 64;
+/// The part of a tolerance relative to the largest value of a glance that is tried first: what a
+/// glance sees may be brighter than the picture's pixels.
+const FIRST_TRY: f64 = 0.9;
+/// Attempts at tiles that turn out to need a smaller tolerance.
+const ATTEMPTS: u32 = 12;
+/// What exact pictures are converged to, relative to their largest value.
+const EXACT: f64 = 1e-6;
+/// Rays of a picture whose pixels stand for areas, about, and of a pixel on average over a tile:
+/// where the bound needs more, it stays above the tolerance, and says so.
+const MOST_RAYS: u64 = 16_000_000;
+const MOST_RAYS_PER_PIXEL: u64 = 64;
+const FEWEST_RAYS_PER_PIXEL: u64 = 8;
+/// Rays of a pixel on average over a tile where they stand for themselves.
+const MOST_ALONE_PER_PIXEL: u64 = 256;
+
+/// Rays for each of the pixels that an outlook is taken from.
+const OUTLOOK_RAYS: u64 = 5;
+
+/// How a tile has turned out, beside the goal that it was drawn by.
+#[derive(Debug, Clone, Copy)]
+enum State {
+    /// Within it.
+    Within,
+    /// Within it in all likelihood.
+    Likely,
+    /// Not within reach of the rays that there are.
+    Beyond,
+}
+
+impl<'s> Studio<'s> {
+    /// By settings that ask nothing of the error.
+    pub(super) fn by_hand(
+        &self,
+        pixels: &PixelGrid,
+        fixed: &FixedSetting,
+        options: &RenderOptions<'_>,
+        samples: &mut [u64],
+    ) -> Result<Outcome> {
+        let cut = self.footprint_cut(fixed.pixels_per_cell)?;
+        let light = if fixed.relative_accuracy > 0.0 { self.glance()? } else { 0.0 };
+        let off = fixed.relative_accuracy * light;
+        let transfer = self.transfer(off);
+        let pieces = self.pieces(&transfer);
+        let census = self.census(pixels, &cut, pieces)?;
+        let method = Method::Once { cut, accounts: false };
+        let mut picture =
+            self.picture(pixels, (&transfer, pieces), method, None, options.progress)?;
+        if off > 0.0 {
+            picture.light.packets = Some(self.packets(Some(off), light));
+        }
+        picture.draw((self.threads, self.plan.readers), &|_| true, samples)?;
+        let rays = picture.rays.load(Ordering::Relaxed);
+        Ok(Outcome { film: into_inner(picture.film), error: None, census, rays })
+    }
+
+    /// So that no pixel is off by more than the scene's tolerance.
+    pub(super) fn by_tolerance(
+        &self,
+        pixels: &PixelGrid,
+        options: &RenderOptions<'_>,
+        samples: &mut [u64],
+    ) -> Result<Outcome> {
+        let tolerance = self.scene.render.tolerance;
+        let is_exact = matches!(tolerance, Tolerance::Absolute(0.0) | Tolerance::Relative(0.0));
+        let glance = if is_exact && !pixels.has_area() { 0.0 } else { self.glance()? };
+        let mut goal = Goal {
+            tolerance: match tolerance {
+                _ if is_exact => EXACT * glance,
+                Tolerance::Absolute(value) => value,
+                Tolerance::Relative(part) if glance > 0.0 => FIRST_TRY * part * glance,
+                Tolerance::Relative(_) => f64::MIN_POSITIVE,
+            },
+            behind: glance,
+            rays_per_pixel: MOST_RAYS_PER_PIXEL
+                .min(
+                    MOST_RAYS
+                        / (u64::from(pixels.view().width()) * u64::from(pixels.view().height())),
+                )
+                .max(FEWEST_RAYS_PER_PIXEL),
+            alone_per_pixel: MOST_ALONE_PER_PIXEL,
+            certifies: true,
+            power: f64::INFINITY,
+            all_levels: is_exact,
+        };
+        let transfer = self.transfer(if is_exact { 0.0 } else { goal.tolerance });
+        let pieces = self.pieces(&transfer);
+        if pixels.has_area() && !is_exact {
+            let outlook = self.outlook(&goal, (&transfer, pieces))?;
+            goal.certifies = outlook.rays_needed <= goal.rays_per_pixel as f64;
+            goal.power = outlook.power;
+        }
+        let cut = goal.first_cut();
+        let census = self.census(pixels, &cut, pieces)?;
+        let method = if is_exact && !pixels.has_area() {
+            Method::Once { cut: Cut::FullDepth, accounts: true }
+        } else {
+            Method::Within(goal)
+        };
+        let allowed = if is_exact { None } else { Some(goal.tolerance) };
+        let mut picture =
+            self.picture(pixels, (&transfer, pieces), method, allowed, options.progress)?;
+        let part = match tolerance {
+            Tolerance::Relative(part) if !is_exact => Some(part),
+            _ => None,
+        };
+        if !is_exact {
+            picture.light.packets = Some(self.packets_for(&goal));
+        }
+        self.draw_within(&mut picture, &mut goal, part, samples)?;
+        let rays = picture.rays.load(Ordering::Relaxed);
+        let error = Some(worst(&lock(&picture.errors)));
+        Ok(Outcome { film: into_inner(picture.film), error, census, rays })
+    }
+
+    /// Draws `picture` within `goal`; where that is to be a part of the picture's largest value,
+    /// which is known only then, tiles that have turned out too coarse are drawn again. Those that
+    /// could not be brought within the goal are left: a smaller one changes nothing.
+    fn draw_within(
+        &self,
+        picture: &mut Picture<'_, 's>,
+        goal: &mut Goal,
+        part: Option<f64>,
+        samples: &mut [u64],
+    ) -> Result<()> {
+        let mut is_drawn_again = vec![true; lock(&picture.errors).len()];
+        let mut states = vec![State::Within; is_drawn_again.len()];
+        for _ in 0..ATTEMPTS {
+            let wanted = |tile: u64| {
+                let wanted = usize::try_from(tile).ok().and_then(|tile| is_drawn_again.get(tile));
+                wanted.copied().unwrap_or(true)
+            };
+            picture.draw((self.threads, self.plan.readers), &wanted, samples)?;
+            let Some(part) = part else { return Ok(()) };
+            let errors = lock(&picture.errors).clone();
+            for (n, error) in errors.iter().enumerate().filter(|(n, _)| is_drawn_again[*n]) {
+                let TileError { shares, estimate, .. } = error;
+                states[n] = if shares.levels + shares.pixel_area <= goal.tolerance {
+                    State::Within
+                } else if *estimate <= goal.tolerance {
+                    State::Likely
+                } else {
+                    State::Beyond
+                };
+            }
+            let off = |(error, state): (&TileError, &State)| match state {
+                State::Within => error.shares.total(),
+                State::Likely => error.estimate,
+                State::Beyond => 0.0,
+            };
+            let bounds: Vec<f64> = errors.iter().zip(&states).map(off).collect();
+            let bound = bounds.iter().fold(0.0, |most: f64, bound| most.max(*bound));
+            let largest = f64::from(lock(&picture.film).largest_value());
+            let limit = part * (largest - bound).max(0.5 * largest);
+            is_drawn_again = bounds.iter().map(|bound| *bound > limit).collect();
+            // Where the goal would be the same, what is left is not for more work to change.
+            let is_settled = FIRST_TRY * limit >= 0.99 * goal.tolerance;
+            if is_settled || !is_drawn_again.contains(&true) {
+                return Ok(());
+            }
+            goal.tolerance = FIRST_TRY * limit;
+            goal.behind = largest;
+            if let Some(packets) = &mut picture.light.packets {
+                packets.allowed = Some(PACKET_SHARE * goal.tolerance);
+                packets.behind = goal.behind;
+            }
+            picture.method = Method::Within(*goal);
+        }
+        Ok(())
+    }
+
+    /// The largest value of a small picture, drawn without regard to its error.
+    fn glance(&self) -> Result<f64> {
+        let (scene, _) = self.small();
+        let view = View::new(&scene, &self.cache.header().domain)?;
+        let pixels = PixelGrid::new(&view, Samples::Grid(1));
+        let cut = Cut::Footprint(FootprintCut::new(
+            1.0,
+            &scene,
+            &self.cache.header().domain,
+            self.cache.header().shape,
+        )?);
+        let method = Method::Once { cut, accounts: false };
+        let exact = (self.exact, self.pieces(self.exact));
+        let mut picture = self.picture(&pixels, exact, method, None, None)?;
+        picture.light.packets = Some(self.packets(None, 0.0));
+        picture.draw((self.threads, self.plan.readers), &|_| true, &mut [])?;
+        let film = into_inner(picture.film);
+        Ok(f64::from(film.largest_value()))
+    }
+
+    /// The scene, in a picture of at most [`GLANCE_PIXELS`] along an edge: one tile. And how wide
+    /// the scene's own pixels are in it.
+    fn small(&self) -> (Scene, f64) {
+        let Scene { image, .. } = self.scene;
+        let scale = f64::from(GLANCE_PIXELS) / f64::from(image.width.max(image.height));
+        let mut scene = self.scene.clone();
+        if scale >= 1.0 {
+            return (scene, 1.0);
+        }
+        let scaled = |size: u32| ((f64::from(size) * scale).round() as u32).max(1);
+        (scene.image.width, scene.image.height) = (scaled(image.width), scaled(image.height));
+        (scene, scale)
+    }
+
+    /// What a few pixels, quartered once, say of how bounds of pixels' areas will fall.
+    fn outlook(&self, goal: &Goal, transfer: (&TransferPieces, &PieceList)) -> Result<TileError> {
+        let (scene, part) = self.small();
+        let view = View::new(&scene, &self.cache.header().domain)?;
+        let pixels = PixelGrid::sparse(&view, part);
+        let quartered = Goal { rays_per_pixel: OUTLOOK_RAYS, alone_per_pixel: 1, ..*goal };
+        let mut picture =
+            self.picture(&pixels, transfer, Method::Within(quartered), Some(goal.tolerance), None)?;
+        picture.light.packets = Some(self.packets_for(goal));
+        picture.draw((self.threads, self.plan.readers), &|_| true, &mut [])?;
+        // It is one tile.
+        Ok(worst(&lock(&picture.errors)))
+    }
+
+    fn footprint_cut(&self, pixels_per_cell: f64) -> Result<Cut> {
+        if pixels_per_cell == 0.0 {
+            return Ok(Cut::FullDepth);
+        }
+        let Header { domain, shape, .. } = self.cache.header();
+        FootprintCut::new(pixels_per_cell, self.scene, domain, *shape).map(Cut::Footprint)
+    }
+
+    /// The transfer function, by formulas that let light be off by at most a twentieth of
+    /// `tolerance`: by emission times the longest way, or times the way that absorption leaves.
+    fn transfer(&self, tolerance: f64) -> TransferPieces {
+        let longest = diagonal(&self.cache.header().domain);
+        TransferPieces::new(&self.shading.transfer, |extinction| {
+            QUADRATURE_SHARE * tolerance * longest.recip().max(extinction)
+        })
+    }
+
+    /// What packets march by towards a goal.
+    fn packets_for(&self, goal: &Goal) -> PacketTransfer {
+        self.packets(Some(PACKET_SHARE * goal.tolerance), goal.behind)
+    }
+
+    /// What packets march by, which may be off by `allowed` along a ray.
+    fn packets(&self, allowed: Option<f64>, behind: f64) -> PacketTransfer {
+        let close = self.transfer(CLOSE * allowed.unwrap_or(0.0));
+        let longest = diagonal(&self.cache.header().domain);
+        let table = TransferTable::new(&self.exact.all, &close.merged);
+        PacketTransfer { table, close, allowed, longest, behind }
+    }
+
+    /// Values that are constant in each cell need no simpler formulas.
+    fn pieces<'t>(&self, transfer: &'t TransferPieces) -> &'t PieceList {
+        match self.shading.interpolation {
+            Interpolation::Linear => &transfer.merged,
+            Interpolation::Cell => &transfer.all,
+        }
+    }
+
+    fn picture<'p>(
+        &'p self,
+        pixels: &'p PixelGrid,
+        (transfer, pieces): (&TransferPieces, &'p PieceList),
+        method: Method,
+        allowed: Option<f64>,
+        progress: Option<&'p (dyn Fn(u64, u64) + Sync)>,
+    ) -> Result<Picture<'p, 's>> {
+        let header = self.cache.header();
+        let view = pixels.view();
+        let longest = diagonal(&header.domain);
+        let brightest = transfer.brightest().min(transfer.largest_emission() * longest);
+        let tiles = usize::try_from(pixels.tiles()).unwrap_or(usize::MAX);
+        Ok(Picture {
+            cache: self.cache,
+            light: Light {
+                pieces,
+                ending: Ending::new(brightest, ENDING_SHARE * allowed.unwrap_or(0.0)),
+                packets: None,
+            },
+            scenery: Scenery { header, view, pixels, shading: self.shading, bounds: pieces },
+            method,
+            pool: self.pool,
+            film: Mutex::new(Film::new(view.width(), view.height())?),
+            errors: Mutex::new(vec![TileError::default(); tiles]),
+            progress,
+            next_tile: AtomicU64::new(0),
+            tiles_done: AtomicU64::new(0),
+            rays: AtomicU64::new(0),
+            is_stopped: AtomicBool::new(false),
+        })
+    }
+
+    /// One walk of the index over the whole picture.
+    fn census(&self, pixels: &PixelGrid, cut: &Cut, bounds: &PieceList) -> Result<Census> {
+        let header = self.cache.header();
+        let scenery =
+            Scenery { header, view: pixels.view(), pixels, shading: self.shading, bounds };
+        let mut index = FieldIndex { cursor: self.cache.cursor(), field: self.shading.field };
+        let mut walk = Walk::new(&scenery, &mut index, Census::default(), cut, pixels.whole());
+        while walk.next(|_| 1.0)?.is_some() {}
+        Ok(walk.into_tally())
+    }
+}
+
+/// The part of a tolerance that simpler formulas along rays may take.
+const QUADRATURE_SHARE: f64 = 0.05;
+/// How much closer the transfer function is followed where packets bound its bends.
+const CLOSE: f64 = 0.02;
+/// The part of a tolerance that the march of packets may take.
+const PACKET_SHARE: f64 = 0.25;
+/// The part of a tolerance that may be lost behind a ray's end.
+const ENDING_SHARE: f64 = 0.02;
+
+fn into_inner<T>(mutex: Mutex<T>) -> T {
+    mutex.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+/// The largest of the tiles' errors.
+fn worst(errors: &[TileError]) -> TileError {
+    errors.iter().fold(TileError::default(), |most, error| TileError {
+        shares: if most.shares.total() >= error.shares.total() {
+            most.shares
+        } else {
+            error.shares
+        },
+        estimate: most.estimate.max(error.estimate),
+        power: most.power.max(error.power),
+        rays_needed: most.rays_needed.max(error.rays_needed),
+    })
+}
+
+/// The domain's diagonal, code length.
+fn diagonal(domain: &Domain) -> f64 {
+    domain.difference(&domain.upper(), &domain.cell_corner(0, [0; 3])).length()
+}
