@@ -1,9 +1,10 @@
 //! The memory plan of a picture: what everything takes, and how many bricks the rest holds.
 
 use super::RenderOptions;
+use super::goal::TileError;
 use super::load::{BrickLoader, BrickScratch};
 use super::rays::PixelGrid;
-use super::refine::{Sheet, TileError};
+use super::refine::Sheet;
 use super::scaled::ScaledBrick;
 use super::tile::Tile;
 use crate::cache::{BrickShape, Cache, Cursor, WINDOW_BYTES};

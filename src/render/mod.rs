@@ -16,6 +16,7 @@ mod crossing;
 pub mod cut;
 mod fill;
 pub mod frame;
+mod goal;
 mod grade;
 pub mod interpolant;
 #[cfg(test)]

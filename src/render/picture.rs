@@ -8,11 +8,12 @@ use std::thread::{Builder, Scope, ScopedJoinHandle};
 use crossbeam::channel::Receiver;
 
 use super::cut::Cut;
+use super::goal::{Goal, TileError};
 use super::load::{BrickLoader, BrickRequest, BrickScratch};
 use super::march::Light;
 use super::memory::STACK_BYTES;
 use super::rays::PixelRect;
-use super::refine::{Batch, Goal, Sheet, TileError};
+use super::refine::{Batch, Sheet};
 use super::scaled::ScaledBrick;
 use super::tile::Tile;
 use super::tree_walk::{FieldIndex, Scenery, Step, Walk};

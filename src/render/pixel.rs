@@ -8,7 +8,7 @@
 //! added to it.
 
 use super::ray_error::ErrorShares;
-use super::waiting::{Found, Unevenness};
+use super::waiting::Found;
 use crate::sum::Sum;
 
 /// Standard deviations that an estimated error counts as.
@@ -131,13 +131,21 @@ impl Pixel {
     /// What it is off by at most.
     pub(super) fn bound(&self) -> ErrorShares {
         let distance = |n: usize| (self.value[n] - self.certified[n]).abs();
-        let pixel_area = self.shares.pixel_area + (0..4).map(distance).fold(0.0, f64::max);
+        let farthest = (0..4).map(distance).fold(0.0, f64::max);
+        // The value's f32 may round by more than that of the certified one.
+        let pixel_area = self.shares.pixel_area + farthest * (1.0 + f64::from(f32::EPSILON));
         ErrorShares { pixel_area, ..self.shares }
+    }
+
+    /// What it is off by beside its mean: what was taken as it is, and what rays themselves are off
+    /// by.
+    pub(super) fn beside_mean(&self) -> f64 {
+        self.taken + self.alone.own.value()
     }
 
     /// What it is off by as far as its rays tell, and not more than the bound.
     pub(super) fn estimate(&self) -> f64 {
-        (self.taken + self.unlikely(0.0) + self.alone.own.value()).min(self.bound().total())
+        (self.beside_mean() + self.unlikely(0.0)).min(self.bound().total())
     }
 }
 
@@ -148,6 +156,15 @@ fn own(shares: &ErrorShares) -> f64 {
 
 fn add(sum: &mut [f64; 4], value: &[f64; 4], weight: f64) {
     sum.iter_mut().zip(value).for_each(|(sum, value)| *sum += weight * value);
+}
+
+/// What the centres of a square and its quarters tell of each quarter.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Unevenness {
+    /// The standard deviation of its rays, but for what is alike in all quarters.
+    spread: f32,
+    /// By how much its mean exceeds its centre's ray, if values bend alike everywhere in the square.
+    bend: [f32; 4],
 }
 
 impl Alone {
@@ -182,9 +199,14 @@ impl Unevenness {
         }
     }
 
+    /// The standard deviation of a square's rays.
+    pub(super) fn spread(&self) -> f64 {
+        f64::from(self.spread)
+    }
+
     /// What a square that is `weight` of its pixel adds to its variance.
     fn variance(&self, weight: f64) -> f64 {
-        (weight * f64::from(self.spread)).powi(2)
+        (weight * self.spread()).powi(2)
     }
 }
 

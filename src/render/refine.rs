@@ -1,79 +1,29 @@
 //! What rays a tile's pixels take: more, and through finer levels, until no pixel may be off by
 //! more than the goal; where no number of rays would do for that, until none is by all likelihood.
 
-use std::array::from_fn;
+mod alone;
+mod prospect;
 
-use super::cut::{Cut, ErrorCut};
+use self::prospect::{GroupInHand, power};
+use super::cut::Cut;
+use super::goal::{Goal, TileError};
 use super::grade::Care;
 use super::picture::Method;
 use super::pixel::Pixel;
 use super::ray_error::ErrorShares;
 use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
-use super::waiting::{Found, GROUP_PIXELS, ToDo, Unevenness, Waiting};
+use super::waiting::{Found, GROUP_PIXELS, ToDo, Waiting};
 
-/// The part of the goal that a first batch leaves to a single brick: few bricks along a ray are
-/// off by as much as the cut allows.
-const FIRST_LIMIT: f64 = 0.3;
 /// The part of a pixel's error that may come from levels, of what levels and area may be off by.
 const LEVELS_SHARE: f64 = 0.5;
 /// The part that may come from the march of packets, likewise.
 const MARCH_SHARE: f64 = 0.4;
 /// A cut is made finer by at least, and at most, these factors.
 const FINER: [f64; 2] = [0.5, 1.0 / 32.0];
-/// Cuts that allow less than this part of the goal for a brick are none.
-const SMALLEST_LIMIT: f64 = 1e-7;
 /// Squares are not halved more often: their centres are exact to f64 then.
 const MOST_HALVINGS: u8 = 30;
 /// A pixel is taken to need no more rays than this: cores that shine are refined where they are.
 const MOST_NEEDED: f64 = 1024.0;
-/// Bounds that fall with a larger power of the number of rays fall fast: squares leave something
-/// behind that is small and bright.
-const FAST: f64 = 2.0;
-/// The slowest that bounds are taken to fall: with this power of the number of rays.
-const SLOWEST: f64 = 0.05;
-/// The parts of a tolerance that a mean of rays that stand for themselves may be off by, and that
-/// are room for what these are off by themselves.
-const MEAN_SHARE: f64 = 0.45;
-const ALONE_SHARE: f64 = 0.6;
-/// A quarter of a square stands out that may do more than this part of the square's harm, and more
-/// than this part of the median pixel's.
-const STANDS_OUT: f64 = 0.4;
-const SMALL_HARM: f64 = 0.125;
-
-/// How exact a picture must be.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Goal {
-    /// The largest error of any channel of any pixel, in the picture's own unit.
-    pub(super) tolerance: f64,
-    /// Light that is expected from behind a brick.
-    pub(super) behind: f64,
-    /// Rays that a tile takes at most for each of its pixels, where these stand for areas.
-    pub(super) rays_per_pixel: u64,
-    /// The same with rays that stand for themselves.
-    pub(super) alone_per_pixel: u64,
-    /// Whether there is a prospect of the tolerance for all pixels' bounds, so that rays are spent
-    /// on these.
-    pub(super) certifies: bool,
-    /// The power of the number of rays that bounds fall with, until a group of pixels knows its own.
-    pub(super) power: f64,
-    /// Whether all levels are drawn whatever the tolerance.
-    pub(super) all_levels: bool,
-}
-
-impl Goal {
-    /// The cut that pixels begin with.
-    pub(super) fn first_cut(&self) -> Cut {
-        self.cut(FIRST_LIMIT * self.tolerance)
-    }
-
-    fn cut(&self, limit: f64) -> Cut {
-        if self.all_levels || limit.is_nan() || limit <= SMALLEST_LIMIT * self.tolerance {
-            Cut::FullDepth
-        } else {
-            Cut::Error(ErrorCut { limit, behind: self.behind })
-        }
-    }
-}
 
 /// Rays that are marched together.
 pub(super) struct Batch {
@@ -87,22 +37,12 @@ pub(super) struct Batch {
     wholes: Vec<Found>,
 }
 
-/// How far a tile's worst pixel is off.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct TileError {
-    /// At most, by cause.
-    pub(super) shares: ErrorShares,
-    /// In all likelihood, where that bound is above the tolerance.
-    pub(super) estimate: f64,
-    /// The power of the number of rays that bounds of areas have fallen with, and how many rays
-    /// pixels need on average if they go on so.
-    pub(super) power: f64,
-    pub(super) rays_needed: f64,
-}
+/// Quarters stand out that may do more than this part of the median pixel's harm.
+const SMALL_HARM: f64 = 0.125;
 
 /// Squares to be marched again, or others to be quartered.
 #[derive(Default)]
-struct Todo {
+struct Chosen {
     again: Vec<Square>,
     wholes: Vec<Found>,
 }
@@ -125,26 +65,6 @@ pub(super) struct Sheet {
     group: Option<GroupInHand>,
 }
 
-/// The pixels that are being refined.
-#[derive(Debug, Clone, Copy)]
-struct GroupInHand {
-    number: usize,
-    /// Rays marched before.
-    begun: u64,
-    /// What those of the last batch might be off by, and what their quarters may.
-    fallen: [f64; 2],
-    /// Where there is no prospect of the tolerance: what its pixels may be off by, in the median.
-    /// What stands out is still scouted for.
-    scouts: Option<f64>,
-}
-
-/// The power of the number of rays that bounds fall with, of what they were before each square was
-/// quartered and after: 1 where they are second order in the square's width, and far more where
-/// what is small and bright leaves most of the quarters. None before any was.
-fn power([before, after]: [f64; 2]) -> Option<f64> {
-    (before > 0.0).then(|| ((before / after).ln() / 4f64.ln()).max(SLOWEST))
-}
-
 impl Sheet {
     /// Bytes that a sheet takes: pixels, the batch in hand and what it finds, and squares that
     /// wait.
@@ -153,7 +73,7 @@ impl Sheet {
             * (size_of::<Pixel>()
                 + size_of::<[f32; 4]>()
                 + 2 * size_of::<Square>()
-                + 3 * size_of::<Found>())) as u64;
+                + 4 * size_of::<Found>())) as u64;
 
     /// Begins with the pixels of `rect`.
     pub(super) fn start(&mut self, grid: &PixelGrid, rect: PixelRect, method: &Method) {
@@ -194,8 +114,8 @@ impl Sheet {
     fn most_urgent(&mut self, grid: &PixelGrid) -> Option<Batch> {
         while let Some((group, mut found, to_do)) = self.waiting.pop() {
             found.sort_by_key(|found| found.square.pixel);
-            let Todo { again, wholes } = if to_do.alone {
-                Todo { again: Vec::new(), wholes: self.still_unsure(grid, group, found) }
+            let Chosen { again, wholes } = if to_do.alone {
+                Chosen { again: Vec::new(), wholes: self.still_unsure(grid, group, found) }
             } else {
                 self.settle(grid, group, &found);
                 self.still_bad(grid, group, &found, &to_do)
@@ -212,10 +132,16 @@ impl Sheet {
     }
 
     /// Of squares found of a group of pixels, those that are to be marched again, or quartered.
-    fn still_bad(&mut self, grid: &PixelGrid, group: usize, found: &[Found], to_do: &ToDo) -> Todo {
+    fn still_bad(
+        &mut self,
+        grid: &PixelGrid,
+        group: usize,
+        found: &[Found],
+        to_do: &ToDo,
+    ) -> Chosen {
         let is_over = self.is_over(grid, group);
         let scouts = self.scouts(group);
-        let mut todo = Todo::default();
+        let mut chosen = Chosen::default();
         for found in found.chunk_by(|a, b| a.square.pixel == b.square.pixel) {
             let (_, room, mean) = self.pixel(grid, found, to_do.before);
             let is_good = movable(&mean, to_do.before) <= room;
@@ -229,67 +155,13 @@ impl Sheet {
                 if is_over || is_good || bound <= room || !scouts.is_none_or(stands_out) {
                     self.conclude(grid, found, to_do);
                 } else if to_do.quartered || scouts.is_some() {
-                    todo.wholes.push(*found);
+                    chosen.wholes.push(*found);
                 } else {
-                    todo.again.push(found.square);
+                    chosen.again.push(found.square);
                 }
             }
         }
-        todo
-    }
-
-    /// Those of a group's squares that are to be quartered for their pixels' mean.
-    fn still_unsure(&mut self, grid: &PixelGrid, group: usize, found: Vec<Found>) -> Vec<Found> {
-        let is_over = self.is_over_alone(group);
-        let (taken, left): (Vec<_>, Vec<_>) = found.into_iter().partition(|found| {
-            is_over || found.square.halvings >= MOST_HALVINGS || self.is_likely(found)
-        });
-        for found in taken {
-            self.pixels[usize::from(found.square.pixel)].draw(&found, grid.weight(&found.square));
-        }
-        left
-    }
-
-    /// Whether a quarter's pixel is close enough in all likelihood. Four rays may be alike by
-    /// accident: their pixel's neighbours are asked as well.
-    fn is_likely(&self, found: &Found) -> bool {
-        let pixel = usize::from(found.square.pixel);
-        let least = if found.square.halvings == 1 { self.variance_around(pixel) } else { 0.0 };
-        let tolerance = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
-        self.pixels[pixel].unlikely(least) <= MEAN_SHARE * tolerance
-    }
-
-    /// What a pixel and those beside it have as their first variance on average.
-    fn variance_around(&self, pixel: usize) -> f64 {
-        let [x, y] = [pixel % self.width, pixel / self.width];
-        let rows = y.saturating_sub(1)..=y + 1;
-        let columns = x.saturating_sub(1)..=(x + 1).min(self.width - 1);
-        let around = rows.flat_map(|y| columns.clone().map(move |x| [x, y]));
-        let known = around
-            .filter_map(|[x, y]| self.pixels.get(y * self.width + x))
-            .filter_map(Pixel::first_variance);
-        let (count, sum) = known.fold((0.0, 0.0), |(n, sum), variance| (n + 1.0, sum + variance));
-        if count > 0.0 { sum / count } else { 0.0 }
-    }
-
-    /// Takes a square as it is if its bound is as small as the tolerance asks; else its pixel's
-    /// mean is left to rays that stand for themselves, if that may be.
-    fn conclude(&mut self, grid: &PixelGrid, found: &Found, marched: &ToDo) {
-        let weight = grid.weight(&found.square);
-        let pixel = usize::from(found.square.pixel);
-        let may_be = |goal: &Goal| {
-            let is_bad = found.shares.total() > self.pixels[pixel].rate(goal.tolerance);
-            is_bad && grid.has_area() && !goal.all_levels
-        };
-        if self.goal.as_ref().is_some_and(may_be) {
-            let alone = ToDo { quartered: true, alone: true, ..marched.clone() };
-            self.pixels[pixel].leave(found, weight);
-            if !self.waiting.push(*found, Some(weight), &alone) {
-                self.pixels[pixel].draw(found, weight);
-            }
-        } else {
-            self.pixels[pixel].take(found, weight);
-        }
+        chosen
     }
 
     /// Whether no more rays may be marched that stand for squares of a group of pixels.
@@ -309,45 +181,6 @@ impl Sheet {
     fn rays_up_to(&self, group: usize, per_pixel: u64) -> u64 {
         let pixels = ((group + 1) * GROUP_PIXELS).min(self.pixels.len());
         per_pixel.saturating_mul(pixels as u64)
-    }
-
-    /// Looks at whether most pixels of a group can come within the tolerance with the rays that are
-    /// left, if bounds go on falling as they have. Where not, rays that stand for squares go only
-    /// where something small may shine. `found` are squares that wait as well.
-    fn settle(&mut self, grid: &PixelGrid, number: usize, found: &[Found]) {
-        let Some(goal) = self.goal.filter(|goal| grid.has_area() && !goal.all_levels) else {
-            return;
-        };
-        let begins = GroupInHand { number, begun: self.rays, fallen: [0.0; 2], scouts: None };
-        let mut group = self.group.filter(|group| group.number == number).unwrap_or(begins);
-        if group.scouts.is_none() {
-            let count = GROUP_PIXELS.min(self.pixels.len() - number * GROUP_PIXELS);
-            let taken = 1.0 + (self.rays - group.begun) as f64 / count as f64;
-            let median = self.median_bound(grid, number, found);
-            let power = power(group.fallen).unwrap_or(goal.power);
-            let left = (goal.rays_per_pixel as f64 / taken).powf(power);
-            // What falls as fast as that has not shown yet what will be left.
-            let has_prospect = power > FAST || goal.certifies && median <= left * goal.tolerance;
-            group.scouts = (!has_prospect).then_some(median);
-        }
-        self.group = Some(group);
-    }
-
-    /// The median of what a group's pixels are off by.
-    fn median_bound(&self, grid: &PixelGrid, number: usize, found: &[Found]) -> f64 {
-        let first = number * GROUP_PIXELS;
-        let pixels = self.pixels.iter().skip(first).take(GROUP_PIXELS);
-        let mut bounds: Vec<f64> = pixels.map(|pixel| pixel.shares.total()).collect();
-        for Found { square, shares, .. } in self.waiting.of_group(number).chain(found) {
-            bounds[usize::from(square.pixel) - first] += grid.weight(square) * shares.total();
-        }
-        bounds.sort_unstable_by(f64::total_cmp);
-        bounds[bounds.len() / 2]
-    }
-
-    /// The median of what a group's pixels may be off by, if there is no prospect of less.
-    fn scouts(&self, group: usize) -> Option<f64> {
-        self.group.filter(|in_hand| in_hand.number == group).and_then(|group| group.scouts)
     }
 
     /// The pixel of what was found, what these squares may be off by on average beside what work
@@ -439,84 +272,14 @@ impl Sheet {
         }
     }
 
-    /// Of quarters in a group without prospect, whose pixels may be off by `median`: those are
-    /// looked into further in which most of what their whole may be off by has stayed, or that may
-    /// do more harm than that, as something small may be there that shines.
-    fn judge_scouts(
-        &mut self,
-        grid: &PixelGrid,
-        (batch, median): (&Batch, f64),
-        outcome: &[Found],
-        next: &mut Next,
-    ) {
-        let (cut, care) = (batch.cut.clone(), batch.care);
-        let marched = ToDo { quartered: false, cut, before: care, care, alone: false };
-        let tolerance = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
-        for (whole, quarters) in batch.wholes.iter().zip(outcome.chunks_exact(4)) {
-            let uneven = Unevenness::of(whole, from_fn(|n| &quarters[n].value));
-            let harm = |found: &Found| grid.weight(&found.square) * movable(&found.shares, care);
-            let most = (STANDS_OUT * harm(whole)).min(median);
-            for quarter in quarters {
-                let shares = &quarter.shares;
-                if harm(quarter) > most && quarter.square.halvings < MOST_HALVINGS {
-                    next.quartered.push(*quarter);
-                    continue;
-                }
-                // Rays that are off by too much themselves say nothing of others.
-                let is_exact = shares.quadrature <= MARCH_SHARE * tolerance
-                    && shares.levels <= LEVELS_SHARE * tolerance;
-                let uneven = is_exact.then_some(uneven);
-                self.conclude(grid, &Found { uneven, ..*quarter }, &marched);
-            }
-        }
-    }
-
-    /// Notes how far bounds have fallen from squares to their quarters.
-    fn compare(&mut self, grid: &PixelGrid, batch: &Batch, outcome: &[Found]) {
-        let bound = |found: &Found| grid.weight(&found.square) * movable(&found.shares, batch.care);
-        if let (Some(group), false) = (&mut self.group, batch.wholes.is_empty()) {
-            let fallen =
-                [batch.wholes.iter().map(bound).sum(), outcome.iter().map(bound).sum::<f64>()];
-            group.fallen = fallen;
-            self.fallen.iter_mut().zip(fallen).for_each(|(sum, bound)| *sum += bound);
-        }
-    }
-
-    /// Of rays that stand for themselves, in quarters of squares.
-    fn judge_quarters(
-        &mut self,
-        grid: &PixelGrid,
-        batch: &Batch,
-        outcome: &[Found],
-        next: &mut Next,
-    ) {
-        let room = self.goal.map_or(f64::INFINITY, |goal| ALONE_SHARE * goal.tolerance);
-        for (whole, quarters) in batch.wholes.iter().zip(outcome.chunks_exact(4)) {
-            let mut mean = ErrorShares::default();
-            quarters.iter().for_each(|quarter| mean.add(&quarter.shares, 0.25));
-            if next.takes(std::slice::from_ref(whole), &mean, room, batch) {
-                continue;
-            }
-            let uneven = Unevenness::of(whole, from_fn(|n| &quarters[n].value));
-            let pixel = &mut self.pixels[usize::from(whole.square.pixel)];
-            pixel.learn(whole, &uneven, grid.weight(&whole.square), &mean);
-            next.quartered
-                .extend(quarters.iter().map(|quarter| Found { uneven: Some(uneven), ..*quarter }));
-        }
-    }
-
-    /// Lets squares wait; what there is no room for is taken as it is.
+    /// Lets squares wait; there need not be room for all.
     fn wait(&mut self, grid: &PixelGrid, squares: &[Found], to_do: &ToDo) {
         for found in squares {
-            let weight = grid.weight(&found.square);
-            let harms = grid.has_area().then_some(weight);
-            if !self.waiting.push(*found, harms, to_do) {
-                let pixel = &mut self.pixels[usize::from(found.square.pixel)];
-                if to_do.alone {
-                    pixel.draw(found, weight);
-                } else {
-                    pixel.take(found, weight);
-                }
+            let harms = grid.has_area().then(|| grid.weight(&found.square));
+            if to_do.alone {
+                self.wait_alone(grid, found, to_do);
+            } else if !self.waiting.push(*found, harms, to_do) {
+                self.conclude(grid, found, to_do);
             }
         }
     }

@@ -196,3 +196,19 @@ fn a_fixed_setting_draws_what_the_scene_would() {
     assert!(coarse.bricks_loaded < exact.stats.bricks_loaded);
     assert!(coarse.bricks_skipped_resolution > 0);
 }
+
+#[test]
+fn areas_that_no_bound_certifies_are_estimated_and_the_same_on_any_threads() {
+    let (_folder, path) = cache();
+    let scene = scene("samples = \"area\"\ntolerance = \"20%\"", 70, 40);
+    let one = draw(&path, &scene, 256 * MEBIBYTE, 1).unwrap();
+    let two = draw(&path, &scene, 64 * MEBIBYTE, 2).unwrap();
+    assert!(one.film == two.film);
+    let stats = &one.stats;
+    assert_eq!((stats.error_bound, stats.error_estimate), {
+        (two.stats.error_bound, two.stats.error_estimate)
+    });
+    let (bound, estimate) = (stats.error_bound.unwrap(), stats.error_estimate.unwrap());
+    assert!(bound > stats.tolerance, "{bound:e}: nothing is left to rays for themselves");
+    assert!(estimate > 0.0 && estimate <= 1.01 * stats.tolerance, "{estimate:e}");
+}

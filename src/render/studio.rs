@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::census::Census;
 use super::cut::{Cut, FootprintCut};
+use super::goal::{Goal, TileError};
 use super::grade::PacketTransfer;
 use super::load::BrickLoader;
 use super::march::Light;
@@ -13,7 +14,6 @@ use super::memory::MemoryPlan;
 use super::picture::{Method, Picture, lock};
 use super::ray_state::Ending;
 use super::rays::PixelGrid;
-use super::refine::{Goal, TileError};
 use super::shading::Shading;
 use super::transfer_pieces::{PieceList, TransferPieces};
 use super::transfer_table::TransferTable;
@@ -62,8 +62,10 @@ const EXACT: f64 = 1e-6;
 const MOST_RAYS: u64 = 16_000_000;
 const MOST_RAYS_PER_PIXEL: u64 = 64;
 const FEWEST_RAYS_PER_PIXEL: u64 = 8;
-/// Rays of a pixel on average over a tile where they stand for themselves.
+/// The same where they stand for themselves.
+const MOST_ALONE: u64 = 32_000_000;
 const MOST_ALONE_PER_PIXEL: u64 = 256;
+const FEWEST_ALONE_PER_PIXEL: u64 = 16;
 
 /// Rays for each of the pixels that an outlook is taken from.
 const OUTLOOK_RAYS: u64 = 5;
@@ -115,6 +117,8 @@ impl<'s> Studio<'s> {
         let tolerance = self.scene.render.tolerance;
         let is_exact = matches!(tolerance, Tolerance::Absolute(0.0) | Tolerance::Relative(0.0));
         let glance = if is_exact && !pixels.has_area() { 0.0 } else { self.glance()? };
+        let size = pixels.whole().count() as u64;
+        let per_pixel = |all: u64, fewest, most| (all / size.max(1)).clamp(fewest, most);
         let mut goal = Goal {
             tolerance: match tolerance {
                 _ if is_exact => EXACT * glance,
@@ -123,13 +127,8 @@ impl<'s> Studio<'s> {
                 Tolerance::Relative(_) => f64::MIN_POSITIVE,
             },
             behind: glance,
-            rays_per_pixel: MOST_RAYS_PER_PIXEL
-                .min(
-                    MOST_RAYS
-                        / (u64::from(pixels.view().width()) * u64::from(pixels.view().height())),
-                )
-                .max(FEWEST_RAYS_PER_PIXEL),
-            alone_per_pixel: MOST_ALONE_PER_PIXEL,
+            rays_per_pixel: per_pixel(MOST_RAYS, FEWEST_RAYS_PER_PIXEL, MOST_RAYS_PER_PIXEL),
+            alone_per_pixel: per_pixel(MOST_ALONE, FEWEST_ALONE_PER_PIXEL, MOST_ALONE_PER_PIXEL),
             certifies: true,
             power: f64::INFINITY,
             all_levels: is_exact,

@@ -4,14 +4,17 @@ use std::cmp::Reverse;
 
 use super::cut::Cut;
 use super::grade::Care;
+use super::pixel::Unevenness;
 use super::ray_error::ErrorShares;
 use super::rays::{BATCH_RAYS, Square};
 
 /// Pixels that are refined together, those whose squares are off by most first. The fewer, the
 /// fewer squares wait; the more, the more rays are marched together.
 pub(super) const GROUP_PIXELS: usize = 256;
-/// Squares that wait, at most.
-const MOST_WAITING: usize = 24 << 10;
+/// Squares that wait, at most, and those of them that wait to be quartered for rays that stand for
+/// themselves: the bounds of a group's other squares are not to go to waste for want of room.
+const MOST_WAITING: usize = 40 << 10;
+const MOST_ALONE: usize = MOST_WAITING / 2;
 
 /// What a ray has found.
 #[derive(Debug, Clone, Copy)]
@@ -23,15 +26,6 @@ pub(super) struct Found {
     pub(super) shares: ErrorShares,
     /// How its square's mean may differ from it, if that has been seen.
     pub(super) uneven: Option<Unevenness>,
-}
-
-/// What the centres of a square and its quarters tell of each quarter.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Unevenness {
-    /// The standard deviation of its rays, but for what is alike in all quarters.
-    pub(super) spread: f32,
-    /// By how much its mean exceeds its centre's ray, if values bend alike everywhere in the square.
-    pub(super) bend: [f32; 4],
 }
 
 /// What is to be done with squares.
@@ -61,15 +55,17 @@ struct Alike {
 pub(super) struct Waiting {
     alike: Vec<Alike>,
     count: usize,
+    /// How many of them are for rays that stand for themselves.
+    alone: usize,
 }
 
 impl Waiting {
-    /// Bytes at most: vectors have grown to at most twice what they hold.
-    pub(super) const BYTES: u64 = (2 * MOST_WAITING * size_of::<Found>()) as u64;
+    /// Bytes at most: vectors have room for a quarter more than they hold.
+    pub(super) const BYTES: u64 = (5 * MOST_WAITING / 4 * size_of::<Found>()) as u64;
 
     pub(super) fn clear(&mut self) {
         self.alike.clear();
-        self.count = 0;
+        (self.count, self.alone) = (0, 0);
     }
 
     /// Takes those out of the first group of pixels that harm these most; the group's number with
@@ -79,7 +75,21 @@ impl Waiting {
         let number = (0..self.alike.len()).max_by_key(|n| urgency(&self.alike[*n]))?;
         let Alike { found, to_do, group, .. } = self.alike.swap_remove(number);
         self.count -= found.len();
+        if to_do.alone {
+            self.alone -= found.len();
+        }
         Some((group, found, to_do))
+    }
+
+    /// Takes those out that do least harm among those for rays that stand for themselves.
+    pub(super) fn pop_least_alone(&mut self) -> Vec<Found> {
+        let alone = (0..self.alike.len()).filter(|n| self.alike[*n].to_do.alone);
+        let least = alone.min_by_key(|n| (self.alike[*n].harm, Reverse(self.alike[*n].group)));
+        let Some(number) = least else { return Vec::new() };
+        let found = self.alike.swap_remove(number).found;
+        self.count -= found.len();
+        self.alone -= found.len();
+        found
     }
 
     /// What waits of a group of pixels.
@@ -90,13 +100,14 @@ impl Waiting {
     /// Adds what stands for `weight` of its pixel, none: whatever it stands for, all alike; false
     /// where there is no room.
     pub(super) fn push(&mut self, found: Found, weight: Option<f64>, to_do: &ToDo) -> bool {
-        if self.count >= MOST_WAITING {
+        if self.count >= MOST_WAITING || (to_do.alone && self.alone >= MOST_ALONE) {
             return false;
         }
         self.count += 1;
+        self.alone += usize::from(to_do.alone);
         let harmful = match found.uneven {
             _ if !to_do.alone => found.shares.total(),
-            Some(uneven) => f64::from(uneven.spread),
+            Some(uneven) => uneven.spread(),
             None => f64::INFINITY,
         };
         let (group, harm) = match weight {
@@ -112,7 +123,12 @@ impl Waiting {
                 && alike.found.len() < most
         };
         match self.alike.iter_mut().find(is_alike) {
-            Some(alike) => alike.found.push(found),
+            Some(Alike { found: others, .. }) => {
+                if others.len() == others.capacity() {
+                    others.reserve_exact((others.len() / 4).max(1));
+                }
+                others.push(found);
+            }
             None => {
                 let (found, to_do) = (vec![found], to_do.clone());
                 self.alike.push(Alike { found, to_do, group, harm });
@@ -169,6 +185,20 @@ mod tests {
     fn no_more_wait_than_there_is_room_for() {
         let mut waiting = Waiting::default();
         let to_do = to_do(false);
+        let alone = ToDo { alone: true, ..to_do.clone() };
+        for _ in 0..MOST_ALONE {
+            assert!(waiting.push(found(0, 1.0), Some(1.0), &alone));
+        }
+        assert!(!waiting.push(found(0, 1.0), Some(1.0), &alone));
+        // Of the last list, the rest of those of equal harm.
+        assert!(waiting.push(found(1, 1.0), Some(1.0), &to_do));
+        let least = waiting.pop_least_alone();
+        assert!(!least.is_empty() && least.iter().all(|found| found.square.pixel == 0));
+        for found in &least {
+            assert!(waiting.push(*found, Some(16.0), &alone));
+        }
+        assert!(!waiting.push(found(0, 1.0), Some(1.0), &alone));
+        waiting.clear();
         for _ in 0..MOST_WAITING {
             assert!(waiting.push(found(0, 1.0), Some(1.0), &to_do));
         }

@@ -1,0 +1,158 @@
+//! Pixels whose bounds stay above the tolerance: squares in which something small may shine are still
+//! scouted, the others are left to rays that stand for themselves.
+
+use std::array::from_fn;
+
+use super::{Batch, GROUP_PIXELS, LEVELS_SHARE, MARCH_SHARE, MOST_HALVINGS, Next, Sheet, movable};
+use crate::render::goal::Goal;
+use crate::render::pixel::{Pixel, Unevenness};
+use crate::render::ray_error::ErrorShares;
+use crate::render::rays::PixelGrid;
+use crate::render::waiting::{Found, ToDo};
+
+/// The parts of a tolerance that a mean of rays that stand for themselves may be off by, where
+/// little else is and where much is, and that are room for what these are off by themselves.
+const MEAN_SHARE: f64 = 0.45;
+const LEAST_MEAN_SHARE: f64 = 0.1;
+const ALONE_SHARE: f64 = 0.6;
+/// A quarter of a square stands out that may do more than this part of the square's harm.
+const STANDS_OUT: f64 = 0.4;
+
+impl Sheet {
+    /// Those of a group's squares that are to be quartered for their pixels' mean.
+    pub(super) fn still_unsure(
+        &mut self,
+        grid: &PixelGrid,
+        group: usize,
+        found: Vec<Found>,
+    ) -> Vec<Found> {
+        let is_over = self.is_over_alone(group);
+        let (taken, left): (Vec<_>, Vec<_>) = found.into_iter().partition(|found| {
+            is_over || found.square.halvings >= MOST_HALVINGS || self.is_likely(found)
+        });
+        for found in taken {
+            self.pixels[usize::from(found.square.pixel)].draw(&found, grid.weight(&found.square));
+        }
+        left
+    }
+
+    /// Whether a quarter's pixel is close enough in all likelihood. Four rays may be alike by
+    /// accident: their pixel's neighbours are asked as well.
+    pub(super) fn is_likely(&self, found: &Found) -> bool {
+        let pixel = usize::from(found.square.pixel);
+        let least = if found.square.halvings == 1 { self.variance_around(pixel) } else { 0.0 };
+        let tolerance = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
+        let pixel = &self.pixels[pixel];
+        let room = (tolerance - pixel.beside_mean())
+            .clamp(LEAST_MEAN_SHARE * tolerance, MEAN_SHARE * tolerance);
+        pixel.unlikely(least) <= room
+    }
+
+    /// What a pixel and those beside it have as their first variance on average.
+    pub(super) fn variance_around(&self, pixel: usize) -> f64 {
+        let [x, y] = [pixel % self.width, pixel / self.width];
+        let rows = y.saturating_sub(1)..=y + 1;
+        let columns = x.saturating_sub(1)..=(x + 1).min(self.width - 1);
+        let around = rows.flat_map(|y| columns.clone().map(move |x| [x, y]));
+        let known = around
+            .filter_map(|[x, y]| self.pixels.get(y * self.width + x))
+            .filter_map(Pixel::first_variance);
+        let (count, sum) = known.fold((0.0, 0.0), |(n, sum), variance| (n + 1.0, sum + variance));
+        if count > 0.0 { sum / count } else { 0.0 }
+    }
+
+    /// Takes a square as it is if its bound is as small as the tolerance asks; else its pixel's
+    /// mean is left to rays that stand for themselves, if that may be.
+    pub(super) fn conclude(&mut self, grid: &PixelGrid, found: &Found, marched: &ToDo) {
+        let weight = grid.weight(&found.square);
+        let pixel = usize::from(found.square.pixel);
+        let may_be = |goal: &Goal| {
+            // What is saved on squares is of use to others of their pixel only if it is certified.
+            let has_prospect = self.scouts(pixel / GROUP_PIXELS).is_none();
+            let allowed = if has_prospect {
+                self.pixels[pixel].rate(goal.tolerance)
+            } else {
+                (1.0 - LEAST_MEAN_SHARE) * goal.tolerance
+            };
+            found.shares.total() > allowed && grid.has_area() && !goal.all_levels
+        };
+        if self.goal.as_ref().is_some_and(may_be) {
+            let alone = ToDo { quartered: true, alone: true, ..marched.clone() };
+            self.pixels[pixel].leave(found, weight);
+            self.wait_alone(grid, found, &alone);
+        } else {
+            self.pixels[pixel].take(found, weight);
+        }
+    }
+
+    /// Lets a square wait for rays that stand for themselves; if there is no room, those that matter
+    /// least are drawn as they are.
+    pub(super) fn wait_alone(&mut self, grid: &PixelGrid, found: &Found, to_do: &ToDo) {
+        let weight = Some(grid.weight(&found.square));
+        if !self.waiting.push(*found, weight, to_do) {
+            for least in self.waiting.pop_least_alone() {
+                let weight = grid.weight(&least.square);
+                self.pixels[usize::from(least.square.pixel)].draw(&least, weight);
+            }
+            if !self.waiting.push(*found, weight, to_do) {
+                let pixel = &mut self.pixels[usize::from(found.square.pixel)];
+                pixel.draw(found, grid.weight(&found.square));
+            }
+        }
+    }
+
+    /// Of quarters in a group without prospect, whose pixels may be off by `median`: those are
+    /// looked into further in which most of what their whole may be off by has stayed, or that may
+    /// do more harm than that, as something small may be there that shines.
+    pub(super) fn judge_scouts(
+        &mut self,
+        grid: &PixelGrid,
+        (batch, median): (&Batch, f64),
+        outcome: &[Found],
+        next: &mut Next,
+    ) {
+        let (cut, care) = (batch.cut.clone(), batch.care);
+        let marched = ToDo { quartered: false, cut, before: care, care, alone: false };
+        let room = self.goal.map_or(f64::INFINITY, |goal| ALONE_SHARE * goal.tolerance);
+        for (whole, quarters) in batch.wholes.iter().zip(outcome.chunks_exact(4)) {
+            let uneven = Unevenness::of(whole, from_fn(|n| &quarters[n].value));
+            let harm = |found: &Found| grid.weight(&found.square) * movable(&found.shares, care);
+            let most = (STANDS_OUT * harm(whole)).min(median);
+            for quarter in quarters {
+                let shares = &quarter.shares;
+                if harm(quarter) > most && quarter.square.halvings < MOST_HALVINGS {
+                    next.quartered.push(*quarter);
+                    continue;
+                }
+                // Rays that are off by too much themselves say nothing of others.
+                let is_exact =
+                    shares.quadrature <= MARCH_SHARE * room && shares.levels <= LEVELS_SHARE * room;
+                let uneven = is_exact.then_some(uneven);
+                self.conclude(grid, &Found { uneven, ..*quarter }, &marched);
+            }
+        }
+    }
+
+    /// Of rays that stand for themselves, in quarters of squares.
+    pub(super) fn judge_quarters(
+        &mut self,
+        grid: &PixelGrid,
+        batch: &Batch,
+        outcome: &[Found],
+        next: &mut Next,
+    ) {
+        let room = self.goal.map_or(f64::INFINITY, |goal| ALONE_SHARE * goal.tolerance);
+        for (whole, quarters) in batch.wholes.iter().zip(outcome.chunks_exact(4)) {
+            let mut mean = ErrorShares::default();
+            quarters.iter().for_each(|quarter| mean.add(&quarter.shares, 0.25));
+            if next.takes(std::slice::from_ref(whole), &mean, room, batch) {
+                continue;
+            }
+            let uneven = Unevenness::of(whole, from_fn(|n| &quarters[n].value));
+            let pixel = &mut self.pixels[usize::from(whole.square.pixel)];
+            pixel.learn(whole, &uneven, grid.weight(&whole.square), &mean);
+            next.quartered
+                .extend(quarters.iter().map(|quarter| Found { uneven: Some(uneven), ..*quarter }));
+        }
+    }
+}

@@ -1,0 +1,83 @@
+//! Whether rays can bring the bounds of pixels' areas within the tolerance.
+
+use super::{Batch, GROUP_PIXELS, Sheet, movable};
+use crate::render::rays::PixelGrid;
+use crate::render::waiting::Found;
+
+/// Bounds that fall with a larger power of the number of rays fall fast: squares leave something
+/// behind that is small and bright.
+const FAST: f64 = 2.0;
+/// The slowest that bounds are taken to fall: with this power of the number of rays.
+const SLOWEST: f64 = 0.05;
+
+/// The pixels that are being refined.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct GroupInHand {
+    pub(super) number: usize,
+    /// Rays marched before.
+    pub(super) begun: u64,
+    /// What those of the last batch might be off by, and what their quarters may.
+    pub(super) fallen: [f64; 2],
+    /// Where there is no prospect of the tolerance: what its pixels may be off by, in the median.
+    /// What stands out is still scouted for.
+    pub(super) scouts: Option<f64>,
+}
+
+/// The power of the number of rays that bounds fall with, of what they were before each square was
+/// quartered and after: 1 where they are second order in the square's width, and far more where
+/// what is small and bright leaves most of the quarters. None before any was.
+pub(super) fn power([before, after]: [f64; 2]) -> Option<f64> {
+    (before > 0.0).then(|| ((before / after).ln() / 4f64.ln()).max(SLOWEST))
+}
+
+impl Sheet {
+    /// Looks at whether most pixels of a group can come within the tolerance with the rays that are
+    /// left, if bounds go on falling as they have. Where not, rays that stand for squares go only
+    /// where something small may shine. `found` are squares that wait as well.
+    pub(super) fn settle(&mut self, grid: &PixelGrid, number: usize, found: &[Found]) {
+        let Some(goal) = self.goal.filter(|goal| grid.has_area() && !goal.all_levels) else {
+            return;
+        };
+        let begins = GroupInHand { number, begun: self.rays, fallen: [0.0; 2], scouts: None };
+        let mut group = self.group.filter(|group| group.number == number).unwrap_or(begins);
+        if group.scouts.is_none() {
+            let count = GROUP_PIXELS.min(self.pixels.len() - number * GROUP_PIXELS);
+            let taken = 1.0 + (self.rays - group.begun) as f64 / count as f64;
+            let median = self.median_bound(grid, number, found);
+            let power = power(group.fallen).unwrap_or(goal.power);
+            let left = (goal.rays_per_pixel as f64 / taken).powf(power);
+            // What falls as fast as that has not shown yet what will be left.
+            let has_prospect = power > FAST || goal.certifies && median <= left * goal.tolerance;
+            group.scouts = (!has_prospect).then_some(median);
+        }
+        self.group = Some(group);
+    }
+
+    /// The median of what a group's pixels are off by.
+    pub(super) fn median_bound(&self, grid: &PixelGrid, number: usize, found: &[Found]) -> f64 {
+        let first = number * GROUP_PIXELS;
+        let pixels = self.pixels.iter().skip(first).take(GROUP_PIXELS);
+        let mut bounds: Vec<f64> = pixels.map(|pixel| pixel.shares.total()).collect();
+        for Found { square, shares, .. } in self.waiting.of_group(number).chain(found) {
+            bounds[usize::from(square.pixel) - first] += grid.weight(square) * shares.total();
+        }
+        bounds.sort_unstable_by(f64::total_cmp);
+        bounds[bounds.len() / 2]
+    }
+
+    /// The median of what a group's pixels may be off by, if there is no prospect of less.
+    pub(super) fn scouts(&self, group: usize) -> Option<f64> {
+        self.group.filter(|in_hand| in_hand.number == group).and_then(|group| group.scouts)
+    }
+
+    /// Notes how far bounds have fallen from squares to their quarters.
+    pub(super) fn compare(&mut self, grid: &PixelGrid, batch: &Batch, outcome: &[Found]) {
+        let bound = |found: &Found| grid.weight(&found.square) * movable(&found.shares, batch.care);
+        if let (Some(group), false) = (&mut self.group, batch.wholes.is_empty()) {
+            let fallen =
+                [batch.wholes.iter().map(bound).sum(), outcome.iter().map(bound).sum::<f64>()];
+            group.fallen = fallen;
+            self.fallen.iter_mut().zip(fallen).for_each(|(sum, bound)| *sum += bound);
+        }
+    }
+}
