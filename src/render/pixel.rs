@@ -150,7 +150,7 @@ impl Pixel {
 }
 
 /// What a ray may be off by itself.
-fn own(shares: &ErrorShares) -> f64 {
+pub(super) fn own(shares: &ErrorShares) -> f64 {
     shares.total() - shares.pixel_area
 }
 

@@ -33,7 +33,9 @@ pub(super) struct Batch {
     pub(super) care: Care,
     /// Whether they stand for their squares, not for themselves.
     pub(super) has_area: bool,
-    /// What they are quarters of, in order; none where they are squares marched again.
+    /// What squares that are marched again were found to be before, in order.
+    again: Vec<Found>,
+    /// What the others are quarters of, likewise; neither for a tile's first rays.
     wholes: Vec<Found>,
 }
 
@@ -43,7 +45,7 @@ const SMALL_HARM: f64 = 0.125;
 /// Squares to be marched again, or others to be quartered.
 #[derive(Default)]
 struct Chosen {
-    again: Vec<Square>,
+    again: Vec<Found>,
     wholes: Vec<Found>,
 }
 
@@ -97,7 +99,8 @@ impl Sheet {
         self.group = None;
         self.waiting.clear();
         let has_area = grid.has_area();
-        self.first = Some(Batch { squares, cut, care: Care::Rough, has_area, wholes: Vec::new() });
+        let (again, wholes) = Default::default();
+        self.first = Some(Batch { squares, cut, care: Care::Rough, has_area, again, wholes });
     }
 
     /// The next rays to march; none when all pixels are known.
@@ -120,12 +123,12 @@ impl Sheet {
                 self.settle(grid, group, &found);
                 self.still_bad(grid, group, &found, &to_do)
             };
-            let mut squares = again;
+            let mut squares: Vec<_> = again.iter().map(|found| found.square).collect();
             squares.extend(wholes.iter().flat_map(|whole| whole.square.quarters()));
             if !squares.is_empty() {
                 let ToDo { cut, care, alone, .. } = to_do;
                 let has_area = grid.has_area() && !alone;
-                return Some(Batch { squares, cut, care, has_area, wholes });
+                return Some(Batch { squares, cut, care, has_area, again, wholes });
             }
         }
         None
@@ -157,7 +160,7 @@ impl Sheet {
                 } else if to_do.quartered || scouts.is_some() {
                     chosen.wholes.push(*found);
                 } else {
-                    chosen.again.push(found.square);
+                    chosen.again.push(*found);
                 }
             }
         }
@@ -208,9 +211,12 @@ impl Sheet {
         batch: &Batch,
         outcome: impl Iterator<Item = Found>,
     ) {
-        let outcome: Vec<_> = outcome.collect();
+        let mut outcome: Vec<_> = outcome.collect();
         let mut next = Next::default();
         let alone = grid.has_area() && !batch.has_area;
+        if !alone {
+            batch.hand_down(self.goal.map_or(0.0, |goal| goal.tolerance), &mut outcome);
+        }
         let scouts = self.group.and_then(|group| group.scouts);
         match scouts.filter(|_| !batch.wholes.is_empty()) {
             _ if alone => self.judge_quarters(grid, batch, &outcome, &mut next),

@@ -3,9 +3,9 @@
 
 use std::array::from_fn;
 
-use super::{Batch, GROUP_PIXELS, LEVELS_SHARE, MARCH_SHARE, MOST_HALVINGS, Next, Sheet, movable};
+use super::{Batch, GROUP_PIXELS, MOST_HALVINGS, Next, Sheet, movable};
 use crate::render::goal::Goal;
-use crate::render::pixel::{Pixel, Unevenness};
+use crate::render::pixel::{Pixel, Unevenness, own};
 use crate::render::ray_error::ErrorShares;
 use crate::render::rays::PixelGrid;
 use crate::render::waiting::{Found, ToDo};
@@ -17,6 +17,24 @@ const LEAST_MEAN_SHARE: f64 = 0.1;
 const ALONE_SHARE: f64 = 0.6;
 /// A quarter of a square stands out that may do more than this part of the square's harm.
 const STANDS_OUT: f64 = 0.4;
+
+impl Batch {
+    /// Says of what has been found how uneven it is: what was known of it before, or what rays of
+    /// the quarters of a square tell.
+    pub(super) fn hand_down(&self, tolerance: f64, outcome: &mut [Found]) {
+        for (found, before) in outcome.iter_mut().zip(&self.again) {
+            found.uneven = before.uneven;
+        }
+        for (whole, quarters) in self.wholes.iter().zip(outcome.chunks_exact_mut(4)) {
+            let uneven = Unevenness::of(whole, from_fn(|n| &quarters[n].value));
+            // Rays that are off by much themselves say nothing of others, but where many add up.
+            let off = quarters.iter().chain([whole]).map(|found| own(&found.shares));
+            let most = f64::from(whole.square.halvings).exp2() * ALONE_SHARE * tolerance;
+            let uneven = (off.fold(0.0, f64::max) <= most).then_some(uneven);
+            quarters.iter_mut().for_each(|quarter| quarter.uneven = uneven);
+        }
+    }
+}
 
 impl Sheet {
     /// Those of a group's squares that are to be quartered for their pixels' mean.
@@ -113,22 +131,15 @@ impl Sheet {
     ) {
         let (cut, care) = (batch.cut.clone(), batch.care);
         let marched = ToDo { quartered: false, cut, before: care, care, alone: false };
-        let room = self.goal.map_or(f64::INFINITY, |goal| ALONE_SHARE * goal.tolerance);
         for (whole, quarters) in batch.wholes.iter().zip(outcome.chunks_exact(4)) {
-            let uneven = Unevenness::of(whole, from_fn(|n| &quarters[n].value));
             let harm = |found: &Found| grid.weight(&found.square) * movable(&found.shares, care);
             let most = (STANDS_OUT * harm(whole)).min(median);
             for quarter in quarters {
-                let shares = &quarter.shares;
                 if harm(quarter) > most && quarter.square.halvings < MOST_HALVINGS {
                     next.quartered.push(*quarter);
-                    continue;
+                } else {
+                    self.conclude(grid, quarter, &marched);
                 }
-                // Rays that are off by too much themselves say nothing of others.
-                let is_exact =
-                    shares.quadrature <= MARCH_SHARE * room && shares.levels <= LEVELS_SHARE * room;
-                let uneven = is_exact.then_some(uneven);
-                self.conclude(grid, &Found { uneven, ..*quarter }, &marched);
             }
         }
     }
