@@ -156,8 +156,8 @@ fn the_grid_of_the_deepest_level_shows_the_same_cells() {
     let rows = table(&bench(&words).done());
     let data: Vec<_> = rows.iter().map(|row| (&row["data"][..], &row["level"][..])).collect();
     let grids = ["0", "1", "2", "3", "4"].map(|level| ("grid", level));
-    assert_eq!(data, [&[("cache", "4")][..], &grids].concat());
-    for (row, level) in rows[1..].iter().zip(0..) {
+    assert_eq!(data, [&[("cache", "4"), ("levels", "4")][..], &grids].concat());
+    for (row, level) in rows[2..].iter().zip(0..) {
         // The recipe's root grid.
         let cells = 20.0 * 14.0 * 18.0 * 8f64.powi(level);
         assert_eq!((number(row, "cells"), number(row, "array_bytes")), (cells, 4.0 * cells));
@@ -169,8 +169,12 @@ fn the_grid_of_the_deepest_level_shows_the_same_cells() {
     }
     let differences: Vec<_> = rows.iter().map(|row| number(row, "difference_relative")).collect();
     // Both add up the same cells, one of them piece by piece where the other has large cells.
-    assert!(differences[5] < 1e-5, "{differences:?}");
-    assert!(differences[1..5].is_sorted_by(|a, b| a > b) && differences[4] > 5e-4);
+    assert!(differences[6] < 1e-5, "{differences:?}");
+    assert!(differences[2..6].is_sorted_by(|a, b| a > b) && differences[5] > 5e-4);
+    // All levels in memory are the same cells, and the same file.
+    assert!(differences[1] < 1e-3, "{differences:?}");
+    assert_eq!(number(&rows[1], "file_over_cache"), 1.0);
+    assert!(number(&rows[1], "loading_seconds") > 0.0 && rows[1]["array_bytes"].is_empty());
 }
 
 #[test]
@@ -183,11 +187,13 @@ fn grids_are_compared_where_the_memory_has_room_from_two_cameras() {
     let rows = table(&csv);
     let data: Vec<_> = rows.iter().map(|row| (&row["data"][..], &row["level"][..])).collect();
     // Level 3 has 2.6 million cells: at some 32 bytes a cell the grid takes 82 MB.
-    let each = [("cache", "4"), ("grid", "0"), ("grid", "1"), ("grid", "2"), ("grid", "3")];
-    assert_eq!(data, [each, each].concat());
-    for (half, name) in rows.chunks(5).zip(["outside", "inside"]) {
+    let caches = [("cache", "4"), ("levels", "4")];
+    let grids = ["0", "1", "2", "3"].map(|level| ("grid", level));
+    assert_eq!(data, [&caches[..], &grids, &caches, &grids].concat());
+    for (half, name) in rows.chunks(6).zip(["outside", "inside"]) {
         assert!(half.iter().all(|row| row["scene"].ends_with(&format!("{name}.toml"))));
-        for row in &half[1..] {
+        assert!(number(&half[1], "difference_relative") < 0.05, "{:?}", half[1]);
+        for row in &half[2..] {
             assert!(number(row, "difference_relative") > 1e-3, "{row:?}");
             assert!(number(row, "array_seconds") < number(row, "loading_seconds"), "{row:?}");
             let parts = number(row, "loading_seconds") + number(row, "render_seconds");

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use tempfile::TempDir;
 
-use super::covering_table::{Measured, Subject, plots, rows};
+use super::covering_table::{Kind, Measured, Subject, plots, rows};
 use super::dense::{CoveringGrid, cells};
 use super::plain_array::PlainArray;
 use super::reference::largest_difference;
-use super::renderer::{Limits, Renderer};
+use super::renderer::{Cost, Limits, Renderer};
 use super::table::csv;
 use super::viewpoints;
 use crate::cache::{BrickShape, Cache, Cursor, TreeLevel};
@@ -18,13 +18,15 @@ use crate::cli::progress::Bar;
 use crate::image::Film;
 use crate::ingest::{self, Options, Progress, in_pool};
 use crate::render::memory::loaded_bytes;
-use crate::scene::Scene;
+use crate::scene::{Samples, Scene};
 use crate::space::Domain;
 use crate::{Error, Result};
 
 /// Cells along an edge of a grid's bricks: of the sizes that there are, the fastest to march where
 /// all cells are there.
 const EDGE: u32 = 16;
+/// The march's relative accuracy where it is picked by hand.
+const ACCURACY: f64 = 1e-3;
 /// A grid's bricks hold themselves and one block of the level above.
 const BLOCKS: usize = 2;
 
@@ -67,6 +69,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     }
     let mut bench = Bench::new(arguments, &scenes)?;
     let mut subjects = vec![bench.measure_cache(&cache)?];
+    match bench.measure_all_levels(&subjects[0]) {
+        Ok(subject) => subjects.push(subject),
+        Err(error) => eprintln!("warning: without all levels in memory: {error}"),
+    }
     for level in levels {
         subjects.push(bench.measure_grid(&cache, level, folder.path())?);
     }
@@ -170,7 +176,7 @@ struct Bench<'b> {
     arguments: &'b Arguments,
     scenes: &'b [PathBuf],
     renderer: Renderer,
-    /// For grids, of which all bricks take up to the limit, and what else a picture takes as much.
+    /// For what is loaded before: all bricks take up to the limit, what else a picture takes as much.
     resident: Renderer,
     /// The cache's pictures.
     pictures: Vec<Film>,
@@ -188,7 +194,7 @@ impl<'b> Bench<'b> {
         let header = cache.header();
         let simulated = || header.levels.iter().filter(|level| level.simulation.is_some());
         let mut subject = Subject {
-            array: None,
+            kind: Kind::Cache,
             level: simulated().filter_map(|level| level.simulation).max().unwrap_or(0),
             cells: simulated().map(|level| u128::from(level.cells)).sum(),
             file_bytes: header.file_bytes,
@@ -196,12 +202,31 @@ impl<'b> Bench<'b> {
             measured: Vec::new(),
         };
         for scene in self.scenes {
-            let cost = self.renderer.render(&subject.path, scene, &self.options(false))?;
+            let cost = self.draw(&subject, scene)?;
             let picture = self.renderer.picture()?;
             subject.measured.push(Measured::new(cost, 0.0, picture.largest_value()));
             self.pictures.push(picture);
         }
         Ok(subject)
+    }
+
+    /// All levels in memory, as the cache's file has them.
+    fn measure_all_levels(&self, cache: &Subject) -> Result<Subject> {
+        let path = cache.path.clone();
+        let mut subject = Subject { kind: Kind::AllLevels, path, measured: Vec::new(), ..*cache };
+        self.measure_rival(&mut subject)?;
+        Ok(subject)
+    }
+
+    /// Draws all scenes once, beside the cache's pictures.
+    fn measure_rival(&self, subject: &mut Subject) -> Result<()> {
+        for (scene, picture) in self.scenes.iter().zip(&self.pictures) {
+            let cost = self.draw(subject, scene)?;
+            let film = self.renderer_of(subject).picture()?;
+            let difference = largest_difference(picture, &film);
+            subject.measured.push(Measured::new(cost, difference, film.largest_value()));
+        }
+        Ok(())
     }
 
     /// Writes the grid at `level` to `folder` and renders it.
@@ -212,19 +237,14 @@ impl<'b> Bench<'b> {
         let file_bytes = self.write_grid(cache, &grid, &path)?;
         let array = PlainArray::write(&grid, folder.join(format!("grid-{number}.f32")))?;
         let mut subject = Subject {
-            array: Some(array),
+            kind: Kind::Grid(array),
             level: number,
             cells: cells(&cache.header().domain, level.octree).iter().product(),
             file_bytes,
             path,
             measured: Vec::new(),
         };
-        for (scene, picture) in self.scenes.iter().zip(&self.pictures) {
-            let cost = self.resident.render(&subject.path, scene, &self.options(true))?;
-            let film = self.resident.picture()?;
-            let difference = largest_difference(picture, &film);
-            subject.measured.push(Measured::new(cost, difference, film.largest_value()));
-        }
+        self.measure_rival(&mut subject)?;
         Ok(subject)
     }
 
@@ -253,24 +273,50 @@ impl<'b> Bench<'b> {
         for round in 1..rounds {
             bar.show("again", round.into(), rounds.into());
             for subject in subjects.iter_mut() {
-                let is_grid = subject.array.is_some();
-                let options = self.options(is_grid);
-                let renderer = if is_grid { &self.resident } else { &self.renderer };
-                subject.array.as_mut().map_or(Ok(()), PlainArray::read)?;
-                for (scene, measured) in self.scenes.iter().zip(&mut subject.measured) {
-                    measured.take(&renderer.render(&subject.path, scene, &options)?);
+                if let Kind::Grid(array) = &mut subject.kind {
+                    array.read()?;
+                }
+                for (number, scene) in self.scenes.iter().enumerate() {
+                    let cost = self.draw(subject, scene)?;
+                    subject.measured[number].take(&cost);
                 }
             }
         }
         Ok(())
     }
 
-    fn options(&self, is_grid: bool) -> Vec<String> {
+    /// Draws `scene` as the subject's kind asks.
+    fn draw(&self, subject: &Subject, scene: &Path) -> Result<Cost> {
         let Arguments { tolerance, samples, .. } = self.arguments;
         let tolerance = tolerance.iter().map(|tolerance| format!("--tolerance={tolerance}"));
         let samples = samples.iter().map(|samples| format!("--samples={samples}"));
         let mut options: Vec<_> = tolerance.chain(samples).collect();
-        options.extend(is_grid.then(|| "--resident".to_owned()));
-        options
+        if !matches!(subject.kind, Kind::Cache) {
+            options.push("--resident".to_owned());
+        }
+        if matches!(subject.kind, Kind::AllLevels) {
+            options.push(format!("--fixed=0,{},{ACCURACY:e}", self.rays(scene)?));
+        }
+        self.renderer_of(subject).render(&subject.path, scene, &options)
+    }
+
+    fn renderer_of(&self, subject: &Subject) -> &Renderer {
+        match subject.kind {
+            Kind::Cache => &self.renderer,
+            Kind::AllLevels | Kind::Grid(_) => &self.resident,
+        }
+    }
+
+    /// Rays along a pixel's axis: one where the program would choose.
+    fn rays(&self, scene: &Path) -> Result<u32> {
+        let given = self.arguments.samples.as_deref().map(Samples::parse);
+        let chosen = given.map_or_else(
+            || Ok(Scene::load(scene)?.render.samples),
+            |given| given.map_err(|why| Error::request(format!("--samples: {why}"))),
+        );
+        Ok(match chosen? {
+            Samples::Grid(rays) => rays,
+            Samples::Area => 1,
+        })
     }
 }

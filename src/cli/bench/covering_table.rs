@@ -1,4 +1,4 @@
-//! A cache beside covering grids, as rows and plots.
+//! A cache beside all its levels in memory and beside covering grids, as rows and plots.
 
 use std::path::{Path, PathBuf};
 
@@ -10,11 +10,39 @@ use super::table::{Columns, column, number, optional};
 /// Bytes of a value in an array of plain 32-bit floats.
 const VALUE_BYTES: u128 = 4;
 
-/// The cache, or a grid.
+/// What is drawn, and how.
+#[derive(Debug)]
+pub(super) enum Kind {
+    /// The cache, by tolerance, streamed.
+    Cache,
+    /// The cache, all bricks of all levels loaded before, and drawn by settings that ask nothing of
+    /// the error: sparse volumes of all levels with masks, without a choice of levels.
+    AllLevels,
+    /// A grid, loaded before; with it the same as an array of plain values.
+    Grid(PlainArray),
+}
+
+impl Kind {
+    fn name(&self) -> &'static str {
+        match self {
+            Kind::Cache => "cache",
+            Kind::AllLevels => "levels",
+            Kind::Grid(_) => "grid",
+        }
+    }
+
+    fn array(&self) -> Option<&PlainArray> {
+        match self {
+            Kind::Grid(array) => Some(array),
+            _ => None,
+        }
+    }
+}
+
+/// The cache, or a rival.
 #[derive(Debug)]
 pub(super) struct Subject {
-    /// The grid as an array of plain values; the cache has none.
-    pub(super) array: Option<PlainArray>,
+    pub(super) kind: Kind,
     /// The grid's level, or the cache's deepest.
     pub(super) level: u32,
     /// Cells of the grid, or of all levels of the simulation.
@@ -70,8 +98,9 @@ pub(super) fn rows(subjects: &[Subject], scenes: &[PathBuf]) -> Vec<Columns> {
 fn row(subject: &Subject, cache: &Subject, place: usize, scene: &Path) -> Option<Columns> {
     let (measured, other) = (subject.measured.get(place)?, cache.measured.get(place)?);
     let (cost, cache_cost) = (&measured.cost, &other.cost);
-    let array_bytes = subject.array.is_some().then_some(subject.cells * VALUE_BYTES);
-    let array_seconds = subject.array.as_ref().map(|array| array.seconds);
+    let array = subject.kind.array();
+    let array_bytes = array.map(|_| subject.cells * VALUE_BYTES);
+    let array_seconds = array.map(|array| array.seconds);
     let least_seconds = array_seconds.map(|seconds| seconds + cost.render_seconds);
     let largest = other.largest;
     let relative = (largest > 0.0).then(|| number(measured.difference / largest));
@@ -80,7 +109,7 @@ fn row(subject: &Subject, cache: &Subject, place: usize, scene: &Path) -> Option
     let array = array_bytes.zip(peak(cache_cost));
     Some(vec![
         column("scene", scene.display()),
-        column("data", if subject.array.is_some() { "grid" } else { "cache" }),
+        column("data", subject.kind.name()),
         column("level", subject.level),
         column("cells", subject.cells),
         optional("array_bytes", array_bytes),
@@ -129,16 +158,19 @@ pub(super) fn plots(subjects: &[Subject], scenes: &[PathBuf]) -> Vec<(String, Pl
 
 fn plot(subjects: &[Subject], place: usize, scene: &str) -> Plot {
     let series = |name: &str, seconds: fn(&Cost) -> f64| {
-        let grids = subjects.iter().filter(|subject| subject.array.is_some());
+        let grids = subjects.iter().filter(|subject| subject.kind.array().is_some());
         let points = grids
             .filter_map(|grid| Some([grid.cells as f64, seconds(&grid.measured.get(place)?.cost)]));
         Series::new(name, Mark::Joined, points)
     };
-    let cache = subjects.first().and_then(|cache| cache.measured.get(place));
-    let line = |measured: &Measured| Line {
-        name: "cache, all levels".to_owned(),
-        is_vertical: false,
-        at: measured.cost.wall_seconds,
+    let line = |subject: &Subject| {
+        let cost = &subject.measured.get(place)?.cost;
+        let (name, at) = match subject.kind {
+            Kind::Cache => ("cache, by tolerance", cost.wall_seconds),
+            Kind::AllLevels => ("all levels, loaded before", cost.render_seconds),
+            Kind::Grid(_) => return None,
+        };
+        Some(Line { name: name.to_owned(), is_vertical: false, at })
     };
     Plot {
         title: format!("{scene}: time (s)"),
@@ -148,6 +180,6 @@ fn plot(subjects: &[Subject], place: usize, scene: &str) -> Plot {
             series("grid, loaded before", |cost| cost.render_seconds),
             series("grid, with loading", |cost| cost.wall_seconds),
         ],
-        lines: cache.map(line).into_iter().collect(),
+        lines: subjects.iter().filter_map(line).collect(),
     }
 }

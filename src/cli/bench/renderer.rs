@@ -49,6 +49,8 @@ pub(super) struct Cost {
     pub(super) tolerance: f64,
     /// The certified bound, absolute.
     pub(super) error_bound: Option<f64>,
+    /// The error in all likelihood, absolute.
+    pub(super) error_estimate: Option<f64>,
     /// Largest share of each part of the bound.
     pub(super) error_shares: Option<BTreeMap<String, Option<f64>>>,
     /// Bytes of payloads read.

@@ -85,6 +85,8 @@ fn sweep_row(row: &Row, rows: &[Row], reference: &Reference, rivals: Option<&[Ri
         column("tolerance_absolute", number(cost.tolerance)),
         optional("error_bound", cost.error_bound.map(number)),
         optional("error_bound_relative", cost.error_bound.and_then(relative)),
+        optional("error_estimate", cost.error_estimate.map(number)),
+        optional("error_estimate_relative", cost.error_estimate.and_then(relative)),
         column("error", number(*error)),
         optional("error_relative", relative(*error)),
         optional("bound_over_error", looseness),
