@@ -193,6 +193,12 @@ fn where_no_bound_will_do_pixels_are_within_the_tolerance_all_the_same() {
     // What is even takes but a few.
     let (rays, _) = draw_light([9, 7], |_| 0.5, bound, |_, _, _| {});
     assert!(rays <= 63 * 21, "{rays}");
+    // So it does where bounds fell at first: that squares are even is known by then.
+    let falls =
+        |square: &Square| 60.0 * TOLERANCE * 4.6f64.powi(-i32::from(square.halvings.min(2)));
+    let (rays, error) = draw_light([9, 7], |_| 0.5, falls, |_, _, _| {});
+    assert!(error.estimate <= TOLERANCE && error.shares.total() > TOLERANCE);
+    assert!((63 * 21..63 * 90).contains(&rays), "{rays}");
 }
 
 #[test]
