@@ -205,9 +205,8 @@ fn areas_that_no_bound_certifies_are_estimated_and_the_same_on_any_threads() {
     let two = draw(&path, &scene, 64 * MEBIBYTE, 2).unwrap();
     assert!(one.film == two.film);
     let stats = &one.stats;
-    assert_eq!((stats.error_bound, stats.error_estimate), {
-        (two.stats.error_bound, two.stats.error_estimate)
-    });
+    assert_eq!(stats.error_bound, two.stats.error_bound);
+    assert_eq!(stats.error_estimate, two.stats.error_estimate);
     let (bound, estimate) = (stats.error_bound.unwrap(), stats.error_estimate.unwrap());
     assert!(bound > stats.tolerance, "{bound:e}: nothing is left to rays for themselves");
     assert!(estimate > 0.0 && estimate <= 1.01 * stats.tolerance, "{estimate:e}");

@@ -190,7 +190,7 @@ mod tests {
             assert!(waiting.push(found(0, 1.0), Some(1.0), &alone));
         }
         assert!(!waiting.push(found(0, 1.0), Some(1.0), &alone));
-        // Of the last list, the rest of those of equal harm.
+        // For others there is room, and they are not what is taken out.
         assert!(waiting.push(found(1, 1.0), Some(1.0), &to_do));
         let least = waiting.pop_least_alone();
         assert!(!least.is_empty() && least.iter().all(|found| found.square.pixel == 0));

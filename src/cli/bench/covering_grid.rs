@@ -71,7 +71,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut subjects = vec![bench.measure_cache(&cache)?];
     match bench.measure_all_levels(&subjects[0]) {
         Ok(subject) => subjects.push(subject),
-        Err(error) => eprintln!("warning: without all levels in memory: {error}"),
+        Err(error) => eprintln!(
+            "warning: without all levels in memory, which may take twice --memory: {error}"
+        ),
     }
     for level in levels {
         subjects.push(bench.measure_grid(&cache, level, folder.path())?);
@@ -211,6 +213,9 @@ impl<'b> Bench<'b> {
     }
 
     /// All levels in memory, as the cache's file has them.
+    ///
+    /// # Errors
+    /// Whatever a render says; a limit without room for all bricks above all.
     fn measure_all_levels(&self, cache: &Subject) -> Result<Subject> {
         let path = cache.path.clone();
         let mut subject = Subject { kind: Kind::AllLevels, path, measured: Vec::new(), ..*cache };
