@@ -18,6 +18,12 @@ pub mod state {
     pub fn is_valid(bits: u8) -> bool {
         bits == OUTSIDE || bits < 8 && (bits == 0 || bits & EXISTS != 0)
     }
+
+    /// Whether [`is_valid`] holds of all.
+    pub fn are_valid(states: &[u8]) -> bool {
+        // Without an end at the first that is not: a whole row of states at a time.
+        !states.iter().fold(false, |found, &bits| found | !is_valid(bits))
+    }
 }
 
 /// A cube of cells of one level.

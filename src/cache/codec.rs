@@ -98,8 +98,7 @@ pub(super) fn stored_bytes_limit(raw: usize) -> usize {
 }
 
 fn unpack(states: &[u8], planes: &[u8], brick: &mut RawBrick) -> Result<(), &'static str> {
-    // Without an end at the first: a whole row of states at a time.
-    if states.iter().fold(false, |found, &bits| found | !state::is_valid(bits)) {
+    if !state::are_valid(states) {
         return Err("a cell's state is none that there is");
     }
     let cells = states.len();

@@ -35,27 +35,44 @@ pub(super) fn fill_holes(block: &mut ScaledBlock, first: [i128; 3], above: &Abov
         std::array::from_fn(|a| parents(side, first[a], above.first[a], above.block.side));
     for (z, z_parents) in along[2].iter().enumerate() {
         for (y, y_parents) in along[1].iter().enumerate() {
-            for (x, x_parents) in along[0].iter().enumerate() {
-                let at = block.at([x, y, z]);
-                if block.states[at] == 0 {
-                    block.values[at] = prolonged(above.block, [x_parents, y_parents, z_parents]);
-                }
+            let first = block.at([0, y, z]);
+            let states = &block.states[first..first + side];
+            if !states.contains(&0) {
+                continue;
+            }
+            let rows = Rows::new(above.block, [*y_parents, *z_parents]);
+            let values = &mut block.values[first..first + side];
+            let cells = values.iter_mut().zip(states).zip(&along[0]);
+            for ((value, _), parents) in cells.filter(|((_, states), _)| **states == 0) {
+                *value = rows.prolonged(*parents);
             }
         }
     }
 }
 
-fn prolonged(above: &ScaledBlock, parents: [&[usize; 2]; 3]) -> f64 {
-    const WEIGHTS: [f64; 2] = [0.75, 0.25];
-    let mut sum = 0.0;
-    for corner in 0..8 {
-        let side: [usize; 3] = std::array::from_fn(|a| corner >> a & 1);
-        let cell = std::array::from_fn(|a| parents[a][side[a]]);
-        let weight = WEIGHTS[side[0]] * WEIGHTS[side[1]] * WEIGHTS[side[2]];
-        sum += weight * above.values[above.at(cell)];
+/// The rows above that a row of cells draws on, and their weights.
+struct Rows<'a>([(&'a [f64], f64); 4]);
+
+impl<'a> Rows<'a> {
+    fn new(above: &'a ScaledBlock, parents: [[usize; 2]; 2]) -> Self {
+        Self(std::array::from_fn(|n| {
+            let (y, z) = (n & 1, n >> 1);
+            let first = above.at([0, parents[0][y], parents[1][z]]);
+            (&above.values[first..first + above.side], WEIGHTS[y] * WEIGHTS[z])
+        }))
     }
-    sum
+
+    fn prolonged(&self, [parent, beside]: [usize; 2]) -> f64 {
+        let mut sum = 0.0;
+        for (row, weight) in &self.0 {
+            sum += weight * (WEIGHTS[0] * row[parent] + WEIGHTS[1] * row[beside]);
+        }
+        sum
+    }
 }
+
+/// Of a cell's parent, and of the parent's neighbour on the cell's side.
+const WEIGHTS: [f64; 2] = [0.75, 0.25];
 
 /// Gives cells outside the domain (of `cells` cells along each axis) the value of the nearest
 /// cell inside.

@@ -89,7 +89,7 @@ impl Loader for BrickLoader<'_> {
         self.cache.read_brick(*node, record, self.shading.field, field, decoder, raw)?;
         self.cache.check_place(*node, self.shading.field, place, raw)?;
         let header = self.cache.header();
-        let map = |stored| self.shading.map(stored);
+        let map = |stored: &[f32], x: &mut [f64]| self.shading.map_all(stored, x);
         brick.prepare(raw, place, header, map, self.shading.interpolation)?;
         if let Some(pieces) = self.accounts {
             brick.survey(pieces, &self.shading.distance(record, field), surveyor);

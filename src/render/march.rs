@@ -139,6 +139,9 @@ pub(super) fn arrive(
     beam: &Beam,
     (state, error): (&RayState, &mut RayError),
 ) -> Spread {
+    if beam.spread == [0.0; 3] && beam.angle == 0.0 {
+        return ([0.0; 3], 0.0);
+    }
     let depth = if ray.sigma_min.is_finite() {
         (beam.depth + farthest(ray, region, beam, span)).max(0.0)
     } else {

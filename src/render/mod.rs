@@ -42,17 +42,18 @@ mod pixel;
 mod polynomial;
 mod preload;
 mod probe;
+mod ranges;
 pub mod ray_error;
 pub mod ray_state;
 pub mod rays;
 mod refine;
 mod relief;
+mod run_tree;
 pub mod scaled;
 #[cfg(test)]
 mod scaled_tests;
 pub mod shading;
 mod span;
-mod span_tree;
 pub mod stats;
 mod steepness;
 #[cfg(test)]

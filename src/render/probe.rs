@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use glam::DVec3;
 
 use super::interpolant::DrawnNeighbours;
-use super::scaled::ScaledBrick;
+use super::scaled::{ScaledBrick, one_by_one};
 use crate::cache::{BrickPlace, Cache, Cursor, Decoder, FieldRecord, NodeRecord, RawBrick, state};
 use crate::scene::{Interpolation, nearest};
 use crate::space::{Decimal, Position};
@@ -162,7 +162,7 @@ impl<'c> Probe<'c> {
         let [low, high] = finest.field.own;
         let factor = if low.abs().max(high.abs()) > LARGE { SHRUNK } else { 1.0 };
         let raw = &self.bricks[&finest.node];
-        let mapping = |stored: f32| f64::from(stored) * factor;
+        let mapping = one_by_one(|stored| f64::from(stored) * factor);
         self.scaled.prepare(raw, &finest.place, header, mapping, Interpolation::Linear)?;
         let lowest = finest.place.lowest_cell(header.shape);
         let corner = header.domain.cell_corner(finest.place.octree, lowest);

@@ -48,7 +48,7 @@ impl ScaledBlock {
         (z * self.side + y) * self.side + x
     }
 
-    fn load(&mut self, raw: &Block, mapping: impl Fn(f32) -> f64) {
+    fn load(&mut self, raw: &Block, mapping: impl Fn(&[f32], &mut [f64])) {
         self.side = raw.side;
         self.states.clear();
         self.values.clear();
@@ -56,9 +56,18 @@ impl ScaledBlock {
         self.states.reserve_exact(raw.states.len());
         self.values.reserve_exact(raw.values.len());
         self.states.extend_from_slice(&raw.states);
-        self.values.extend(raw.values.iter().zip(&raw.states).map(|(&value, &bits)| {
-            if bits & state::EXISTS == 0 { 0.0 } else { held(mapping(value)) }
-        }));
+        self.values.resize(raw.values.len(), 0.0);
+        mapping(&raw.values, &mut self.values);
+        for (x, bits) in self.values.iter_mut().zip(&raw.states) {
+            *x = if bits & state::EXISTS == 0 { 0.0 } else { held(*x) };
+        }
+    }
+}
+
+/// What takes many stored values to x, from what takes one.
+pub fn one_by_one(mapping: impl Fn(f32) -> f64) -> impl Fn(&[f32], &mut [f64]) {
+    move |stored, out| {
+        out.iter_mut().zip(stored).for_each(|(x, stored)| *x = mapping(*stored));
     }
 }
 
@@ -99,17 +108,24 @@ impl NarrowBlock {
 /// For each dual cell of a block, x fastest, all bits that `flags` makes of its corners' states;
 /// with room for padding.
 fn gather_corners(out: &mut Vec<u8>, block: &ScaledBlock, flags: impl Fn(u8, usize) -> u8) {
-    let count = block.side - 1;
+    const MOST_SIDE: usize = BrickShape::MOST_CELLS + 2;
+    let (side, count) = (block.side, block.side - 1);
     // Exact, because the memory limit counts these bytes.
     out.reserve_exact(count.pow(3) + BYTE_PADDING);
-    out.resize(count.pow(3), 0);
-    for (n, row) in out.chunks_exact_mut(count).enumerate() {
+    // A plane at a time, as one long row; its last column's are of no dual cell.
+    let mut plane = [0; MOST_SIDE * MOST_SIDE];
+    let plane = &mut plane[..count * side - 1];
+    for z in 0..count {
+        plane.fill(0);
         for corner in 0..8 {
-            let [x, y, z] = [corner & 1, corner >> 1 & 1, corner >> 2 & 1];
-            let states = &block.states[block.at([x, n % count + y, n / count + z])..][..count];
-            for (all, bits) in row.iter_mut().zip(states) {
+            let first = block.at([corner & 1, corner >> 1 & 1, z + (corner >> 2 & 1)]);
+            let states = &block.states[first..][..plane.len()];
+            for (all, bits) in plane.iter_mut().zip(states) {
                 *all |= flags(*bits, corner);
             }
+        }
+        for row in plane.chunks(side) {
+            out.extend_from_slice(&row[..count]);
         }
     }
 }
@@ -158,7 +174,7 @@ impl ScaledBrick {
     }
 
     /// Fills the brick from `raw`, the payload of the brick at `place`; `mapping` takes stored
-    /// values to the transfer function's x, unclamped.
+    /// values to the transfer function's x, unclamped, as many as there is room for.
     ///
     /// # Errors
     /// A payload whose shape or states contradict `header` or themselves.
@@ -167,7 +183,7 @@ impl ScaledBrick {
         raw: &RawBrick,
         place: &BrickPlace,
         header: &Header,
-        mapping: impl Fn(f32) -> f64,
+        mapping: impl Fn(&[f32], &mut [f64]),
         interpolation: Interpolation,
     ) -> Result<()> {
         check(raw, place, header.shape)?;
@@ -209,7 +225,7 @@ impl ScaledBrick {
         self.used = blocks;
     }
 
-    fn load_cells(&mut self, raw: &RawBrick, mapping: impl Fn(f32) -> f64) {
+    fn load_cells(&mut self, raw: &RawBrick, mapping: impl Fn(&[f32], &mut [f64])) {
         self.reserve(1);
         let (edge, bits) = (self.edge, self.edge_bits);
         let (block, own) = (&mut self.blocks[0], &raw.blocks[0]);
@@ -218,17 +234,23 @@ impl ScaledBrick {
         block.values.clear();
         block.values.reserve_exact(own.side.pow(3));
         block.values.resize(own.side.pow(3), f64::NAN);
+        let mut stored = [0.0; BrickShape::MOST_CELLS];
+        let stored = &mut stored[..edge];
         for z in 0..edge {
             for y in 0..edge {
-                let row = own.at(1, y + 1, z + 1);
+                let first = own.at(1, y + 1, z + 1);
+                let mut states = [0; BrickShape::MOST_CELLS];
                 for x in 0..edge {
-                    let (value, states) = match own.states[row + x] {
+                    (stored[x], states[x]) = match own.states[first + x] {
                         0 => owner(raw, [x, y, z], bits),
-                        states => (own.values[row + x], states),
+                        states => (own.values[first + x], states),
                     };
-                    if states & (state::EXISTS | state::VOID) == state::EXISTS {
-                        block.values[row + x] = held(mapping(value));
-                    }
+                }
+                let row = &mut block.values[first..first + edge];
+                mapping(stored, row);
+                for (x, bits) in row.iter_mut().zip(states) {
+                    let is_drawn = bits & (state::EXISTS | state::VOID) == state::EXISTS;
+                    *x = if is_drawn { held(*x) } else { f64::NAN };
                 }
             }
         }
@@ -239,7 +261,7 @@ impl ScaledBrick {
         raw: &RawBrick,
         place: &BrickPlace,
         header: &Header,
-        mapping: impl Fn(f32) -> f64,
+        mapping: impl Fn(&[f32], &mut [f64]),
     ) {
         self.reserve(raw.blocks.len());
         let lowest = place.lowest_cell(header.shape);
@@ -279,11 +301,13 @@ impl ScaledBrick {
         }
         for z in 0..edge {
             for y in 0..edge {
-                for x in 0..edge {
-                    let at = block.at([x + 1, y + 1, z + 1]);
-                    if block.states[at] == 0 {
-                        block.states[at] = owner(raw, [x, y, z], bits).1 & state::VOID;
-                    }
+                let first = block.at([1, y + 1, z + 1]);
+                let row = &mut block.states[first..first + edge];
+                if !row.contains(&0) {
+                    continue;
+                }
+                for (x, states) in row.iter_mut().enumerate().filter(|(_, states)| **states == 0) {
+                    *states = owner(raw, [x, y, z], bits).1 & state::VOID;
                 }
             }
         }
@@ -366,7 +390,7 @@ fn check(raw: &RawBrick, place: &BrickPlace, shape: BrickShape) -> Result<()> {
         {
             return wrong("a block has the wrong number of cells");
         }
-        if !block.states.iter().all(|&bits| state::is_valid(bits)) {
+        if !state::are_valid(&block.states) {
             return wrong("a cell's state means nothing");
         }
     }

@@ -1,5 +1,6 @@
 //! From stored values to light: the scene's volume over one field of the cache.
 
+use super::lanes::{Kernel, Lanes, Width};
 use super::relief::Distance;
 use crate::cache::{CachedField, FieldRecord, Header, NodeRecord};
 use crate::scene::{FieldExtrema, Interpolation, Mapping, TransferFunction, Units, VolumeSettings};
@@ -90,11 +91,34 @@ impl Shading {
         self.mapping.unclamped(f64::from(stored) * self.factor)
     }
 
+    /// [`Self::map`] of all `stored` values.
+    pub fn map_all(&self, stored: &[f32], x: &mut [f64]) {
+        Width::best().run(MapAll { shading: self, stored, x });
+    }
+
     /// Whether nothing in [min, max] of stored values (and NaN, if `nan`) emits or absorbs. An
     /// empty range holds nothing.
     pub fn is_transparent(&self, [min, max]: [f32; 2], nan: bool) -> bool {
         let values = min > max || self.transfer.is_transparent(self.map(min), self.map(max));
         values && (!nan || self.transfer.is_transparent(self.map(f32::NAN), self.map(f32::NAN)))
+    }
+}
+
+/// The mapping of many values.
+struct MapAll<'m> {
+    shading: &'m Shading,
+    stored: &'m [f32],
+    x: &'m mut [f64],
+}
+
+impl Kernel for MapAll<'_> {
+    type Output = ();
+
+    // A plain loop, compiled for the processor that the lanes are of.
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        let Shading { mapping, factor, .. } = self.shading;
+        mapping.unclamped_all(self.stored, *factor, self.x);
     }
 }
 

@@ -1,6 +1,7 @@
 //! What the transfer function does over a range of x.
 
 use super::ray_error::Change;
+use super::run_tree::Run;
 
 /// What the transfer function does over a range of x.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -16,22 +17,24 @@ pub(super) struct Span {
 }
 
 impl Span {
-    /// Of both ranges together, which meet.
-    pub(super) fn and(self, other: Self) -> Self {
-        Self {
-            slope: self.slope.max(other.slope),
-            variation: self.variation.plus(other.variation),
-            jumps: self.jumps.plus(other.jumps),
-            most: self.most.max(other.most),
-        }
-    }
-
     /// The larger of each.
     pub(super) fn max(self, other: Self) -> Self {
         Self {
             slope: self.slope.max(other.slope),
             variation: self.variation.max(other.variation),
             jumps: self.jumps.max(other.jumps),
+            most: self.most.max(other.most),
+        }
+    }
+}
+
+impl Run for Span {
+    // Of both ranges, which meet.
+    fn and(self, other: Self) -> Self {
+        Self {
+            slope: self.slope.max(other.slope),
+            variation: self.variation.plus(other.variation),
+            jumps: self.jumps.plus(other.jumps),
             most: self.most.max(other.most),
         }
     }

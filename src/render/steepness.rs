@@ -1,8 +1,9 @@
 //! How far the values of a brick's blocks range, and their slopes, group by group.
 
+use super::ranges::Ranges;
 use super::relief::GROUP_EDGE;
 use super::scaled::{ScaledBlock, ScaledBrick, dual};
-use super::windows::{Folder, Triples, Window, larger};
+use super::windows::{Folder, Triples, Window};
 use crate::cache::state;
 
 /// Range of values, and of their slopes along each axis, per cell of the brick.
@@ -23,6 +24,7 @@ pub(super) struct Terrain {
 /// One thread's buffers for looking at bricks.
 #[derive(Debug, Default)]
 pub(super) struct Surveyor {
+    ranges: Ranges,
     numbers: Folder<f64>,
     flags: Folder<u8>,
     /// The windows of the groups' values in the block in hand, and of the places between two of
@@ -45,11 +47,6 @@ const IS_MIXED: u8 = 1;
 const IS_VOID: u8 = 2;
 
 impl Steepness {
-    const NONE: Self = Self {
-        values: [f64::INFINITY, f64::NEG_INFINITY],
-        slopes: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
-    };
-
     /// Largest less smallest slope along axis `a`.
     fn range(&self, a: usize) -> f64 {
         self.slopes[a][1] - self.slopes[a][0]
@@ -75,8 +72,9 @@ impl Surveyor {
         let of_group = size_of::<Terrain>() + size_of::<Steepness>() + 9;
         let windows = 2 * 3 * groups.next_power_of_two().max(4) * size_of::<Window>();
         let rows = side * size_of::<[f64; 3]>();
-        Folder::<f64>::bytes::<2>(side)
-            + Folder::<u8>::bytes::<1>(side)
+        Ranges::bytes(side)
+            + Folder::<f64>::bytes(side, groups)
+            + Folder::<u8>::bytes(side, groups)
             + (groups.pow(3) * of_group + windows + rows) as u64
     }
 
@@ -118,29 +116,25 @@ impl Surveyor {
             (first.max(1), (first + GROUP_EDGE + 1).min(edge))
         };
         self.set_windows(along, side);
-        let Self { numbers, flags, windows, terrains, .. } = self;
-        let windows = [0, 1, 2].map(|a| &windows[a][..]);
-        let values = |[y, z]: [usize; 2]| &block.values[block.at([0, y, z])..];
-        numbers.fold(
-            windows,
-            f64::NEG_INFINITY,
-            larger,
-            |at, row| write_both(row, values(at).iter().copied()),
-            |[less, most]| {
-                let steepness = Steepness { values: [-less, most], slopes: [[0.0; 2]; 3] };
-                terrains.push(Terrain { steepness, has_void: false });
-            },
-        );
+        let Self { ranges, flags, windows, terrains, of_block, .. } = self;
+        of_block.clear();
+        of_block.reserve_exact(windows.iter().map(Vec::len).product());
+        ranges.find((&block.values, block.side), windows, of_block);
+        terrains.extend(of_block.iter().map(|found| {
+            let steepness = Steepness { values: found.values, slopes: [[0.0; 2]; 3] };
+            Terrain { steepness, has_void: false }
+        }));
         let mut terrain = terrains.iter_mut();
+        let area = block.side * block.side;
         flags.fold(
-            windows,
+            (block.side, windows),
             0,
             |a, b| a | b,
-            |at, row| {
-                let cells = row.iter_mut().zip(values(at));
+            |z, plane| {
+                let cells = plane.iter_mut().zip(&block.values[z * area..]);
                 cells.for_each(|(flag, x)| *flag = u8::from(x.is_nan()));
             },
-            |[void]| {
+            |void| {
                 if let Some(terrain) = terrain.next() {
                     terrain.has_void = void != 0;
                 }
@@ -176,17 +170,17 @@ impl Surveyor {
         is_mixed.reserve_exact(terrains.len());
         let mut terrain = terrains.iter_mut();
         flags.fold(
-            [0, 1, 2].map(|a| &shorter[a][..]),
+            (count, shorter),
             0,
             |a, b| a | b,
-            |[y, z], row| {
-                let kinds = &brick.duals[(z * count + y) * count..];
-                for (flag, &kind) in row.iter_mut().zip(kinds) {
+            |z, plane| {
+                let kinds = &brick.duals[z * count * count..];
+                for (flag, &kind) in plane.iter_mut().zip(kinds) {
                     let (mixed, void) = (kind != dual::PLAIN, kind == dual::VOID);
                     *flag = (u8::from(mixed) * IS_MIXED) | (u8::from(void) * IS_VOID);
                 }
             },
-            |[found]| {
+            |found| {
                 is_mixed.push(found & IS_MIXED != 0);
                 if let Some(terrain) = terrain.next() {
                     terrain.has_void = found & IS_VOID != 0;
@@ -196,11 +190,11 @@ impl Surveyor {
         let block = &brick.blocks[0];
         let mut marked = terrains.iter_mut().zip(is_mixed.iter());
         flags.fold(
-            [0, 1, 2].map(|a| &windows[a][..]),
+            (block.side, windows),
             0,
             |a, b| a | b,
-            |[y, z], row| row.copy_from_slice(&block.states[block.at([0, y, z])..][..row.len()]),
-            |[found]| {
+            |z, plane| plane.copy_from_slice(&block.states[z * plane.len()..][..plane.len()]),
+            |found| {
                 if let Some((terrain, is_mixed)) = marked.next() {
                     terrain.has_void |= *is_mixed && found & state::VOID != 0;
                 }
@@ -238,36 +232,10 @@ impl Surveyor {
 
     /// Range and slopes of the block's values in each triple of windows, per cell of it.
     fn steepness(&mut self, block: &ScaledBlock) {
-        let Self { numbers, windows, shorter, of_block, .. } = self;
+        let Self { ranges, windows, of_block, .. } = self;
         of_block.clear();
         of_block.reserve_exact(windows.iter().map(Vec::len).product());
-        let row_of = |[y, z]: [usize; 2]| &block.values[block.at([0, y, z])..];
-        numbers.fold(
-            [0, 1, 2].map(|a| &windows[a][..]),
-            f64::NEG_INFINITY,
-            larger,
-            |at, row| write_both(row, row_of(at).iter().copied()),
-            |[less, most]| of_block.push(Steepness { values: [-less, most], ..Steepness::NONE }),
-        );
-        for axis in 0..3 {
-            let stride = [1, block.side, block.side * block.side][axis];
-            let mut found = of_block.iter_mut();
-            numbers.fold(
-                [0, 1, 2].map(|a| if a == axis { &shorter[a][..] } else { &windows[a] }),
-                f64::NEG_INFINITY,
-                larger,
-                |at, row| {
-                    let values = row_of(at);
-                    let steps = values.iter().zip(&values[stride..]).map(|(x, next)| next - x);
-                    write_both(row, steps);
-                },
-                |[less, most]| {
-                    if let Some(found) = found.next() {
-                        found.slopes[axis] = [-less, most];
-                    }
-                },
-            );
-        }
+        ranges.find((&block.values, block.side), windows, of_block);
     }
 
     /// The largest difference of the finer block's values to the coarser interpolant at their
@@ -279,27 +247,20 @@ impl Surveyor {
         along.clear();
         along.extend((0..fine.side).map(|x| parents.along(0, x)));
         numbers.fold(
-            [0, 1, 2].map(|a| &windows[a][..]),
+            (fine.side, windows),
             0.0,
-            larger,
-            |[y, z], row| {
-                parents.row([y, z], above);
-                let values = fine.values[fine.at([0, y, z])..].iter().zip(along.iter());
-                for (difference, (value, &[parent, beside])) in row.iter_mut().zip(values) {
-                    *difference = (value - (0.75 * above[parent] + 0.25 * above[beside])).abs();
+            f64::max,
+            |z, plane| {
+                for (y, row) in plane.chunks_exact_mut(fine.side).enumerate() {
+                    parents.row([y, z], above);
+                    let values = fine.values[fine.at([0, y, z])..].iter().zip(along.iter());
+                    for (difference, (value, &[parent, beside])) in row.iter_mut().zip(values) {
+                        *difference = (value - (0.75 * above[parent] + 0.25 * above[beside])).abs();
+                    }
                 }
             },
-            |[most]| differences.push(most),
+            |most| differences.push(most),
         );
-    }
-}
-
-/// Writes −x and x of each place.
-#[inline]
-fn write_both(row: &mut [f64], values: impl Iterator<Item = f64>) {
-    let (less, most) = row.split_at_mut(row.len() / 2);
-    for ((less, most), x) in less.iter_mut().zip(most).zip(values) {
-        (*less, *most) = (-x, x);
     }
 }
 

@@ -16,9 +16,14 @@ fn each((lo, hi): Box, mut look: impl FnMut([usize; 3])) {
     }
 }
 
+const NONE: Steepness = Steepness {
+    values: [f64::INFINITY, f64::NEG_INFINITY],
+    slopes: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
+};
+
 /// Range and slopes of the values of the cells `within`.
 fn steepness(block: &ScaledBlock, within: Box) -> Steepness {
-    let mut all = Steepness::NONE;
+    let mut all = NONE;
     each(within, |cell| {
         let x = block.values[block.at(cell)];
         all.values = [all.values[0].min(x), all.values[1].max(x)];
@@ -162,9 +167,10 @@ fn a_surveyor_stays_within_its_bytes() {
             surveyor.look(&brick(at, None, interpolation), side);
         }
     }
-    let Surveyor { numbers, flags, windows, shorter, .. } = &surveyor;
+    let Surveyor { ranges, numbers, flags, windows, shorter, .. } = &surveyor;
     let triples = windows.iter().chain(shorter).map(Vec::capacity).sum::<usize>();
-    let held = numbers.held()
+    let held = ranges.held()
+        + numbers.held()
         + flags.held()
         + triples * size_of::<Window>()
         + surveyor.terrains.capacity() * size_of::<Terrain>()

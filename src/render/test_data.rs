@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use glam::DVec3;
 
 use super::interpolant::DrawnNeighbours;
-use super::scaled::ScaledBrick;
+use super::scaled::{ScaledBrick, one_by_one};
 use crate::cache::{BrickPlace, BrickShape, Header, RawBrick, state};
 use crate::scene::Interpolation;
 use crate::space::{Domain, IndexBox};
@@ -206,7 +206,9 @@ impl TestData {
         let shape = BrickShape::new(edge).unwrap();
         let place = BrickPlace { tree_level: level as usize, octree: level as i32, coordinates };
         let mut brick = ScaledBrick::new();
-        brick.prepare(raw, &place, &self.header(shape), f64::from, interpolation).unwrap();
+        brick
+            .prepare(raw, &place, &self.header(shape), one_by_one(f64::from), interpolation)
+            .unwrap();
         brick
     }
 

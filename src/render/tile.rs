@@ -155,6 +155,7 @@ impl Tile {
         let diagonal = step.frame.cell_width.length();
         let has_squares = accounts && self.has_area;
         let in_packets = self.packets.enter(&passage, light, (diagonal, care), has_squares);
+        let covered = grid.covered(&step.footprint);
         let mut samples = 0;
         for row in step.pixels.rows() {
             let range = self.row(&step.pixels, row);
@@ -167,8 +168,8 @@ impl Tile {
                 }
                 let ray = step.frame.ray(plane);
                 let beam = accounts.then(|| {
-                    let covered = grid.covered(&step.footprint) / grid.weight(&self.squares[index]);
-                    beam(&step.frame, &ray, half, covered)
+                    let share = covered / grid.weight(&self.squares[index]);
+                    beam(&step.frame, &ray, half, share)
                 });
                 self.boarding.push(Passenger { index, ray, beam });
                 if !in_packets || self.boarding.len() == self.packets.count() {
@@ -228,6 +229,11 @@ pub(super) fn meets(footprint: &Footprint, plane: DVec2, half: DVec2) -> bool {
 pub(super) fn beam(frame: &Frame, ray: &LocalRay, half: DVec2, covered: f64) -> Beam {
     let width = frame.cell_width;
     let direction = ray.direction * width / ray.length;
+    if half == DVec2::ZERO {
+        // A ray for itself.
+        let advance = (direction.abs() * width).to_array();
+        return Beam { spread: [0.0; 3], angle: 0.0, advance, depth: frame.depth, covered };
+    }
     let across = |axis: DVec3| axis - direction * direction.dot(axis);
     let spread = across(frame.basis.right).abs() * half.x + across(frame.basis.up).abs() * half.y;
     let angle = if frame.is_perspective { half.length() / ray.length } else { 0.0 };

@@ -2,8 +2,8 @@
 
 use super::piece::{Piece, Step};
 use super::ray_error::Change;
+use super::run_tree::{Run, RunTree};
 use super::span::{Smoothness, Span};
-use super::span_tree::SpanTree;
 use crate::scene::TransferFunction;
 
 /// Buckets of the look-up over [0, 1].
@@ -20,7 +20,7 @@ pub(super) struct PieceList {
     /// For each bucket the piece that holds its lower edge.
     first: Vec<u32>,
     /// What each piece does over all of it; of the outermost, which have no end, nothing.
-    whole: SpanTree,
+    whole: RunTree<Span>,
 }
 
 impl PieceList {
@@ -40,7 +40,7 @@ impl PieceList {
             .map(|edge| pieces.partition_point(|p| p.start <= edge).saturating_sub(1))
             .map(|index| u32::try_from(index).unwrap_or(u32::MAX))
             .collect();
-        let whole = SpanTree::new(pieces.iter().map(|piece| {
+        let whole = RunTree::new(pieces.iter().map(|piece| {
             let has_ends = piece.start.is_finite() && piece.end.is_finite();
             if has_ends { piece.over(piece.start, piece.end) } else { Span::default() }
         }));

@@ -2,13 +2,12 @@
 //! packets of rays look up.
 
 use super::piece::Piece;
+use super::run_tree::{Run, RunTree};
 use super::span::Smoothness;
 use super::transfer_pieces::PieceList;
 
 /// Bins over [0, 1]; one more for what lies beyond.
 const BINS: usize = 4096;
-/// Bins whose largest deviation is kept together.
-const BLOCK: usize = 64;
 /// The corner of a bin that has none: beyond its end.
 const NO_CORNER: f32 = 2.0;
 
@@ -25,9 +24,8 @@ pub(super) struct TransferTable {
     /// What extinction is relative to, 1 / code length; 0 where nothing absorbs.
     pub(super) extinction: f64,
     /// Largest difference of emission (any channel) and extinction to the lines', in absolute
-    /// units, for each bin and each block of them.
-    deviation: Vec<[f64; 2]>,
-    blocks: Vec<[f64; 2]>,
+    /// units, for each bin.
+    deviation: RunTree<Deviation>,
     /// How the function bends, relative likewise.
     pub(super) bends: Bends,
 }
@@ -129,21 +127,23 @@ impl TransferTable {
             lines: Vec::with_capacity(2 * (BINS + 1)),
             emission: scales[0],
             extinction: if span.most.extinction == 0.0 { 0.0 } else { scales[1] },
-            deviation: Vec::with_capacity(BINS + 1),
-            blocks: Vec::new(),
+            deviation: RunTree::default(),
             bends: Bends::new(merged, scales),
         };
+        let mut deviation = Vec::with_capacity(BINS + 1);
         for bin in 0..BINS {
-            table.add_bin(pieces, [bin, bin + 1].map(|n| n as f64 / BINS as f64), scales);
+            let ends = [bin, bin + 1].map(|n| n as f64 / BINS as f64);
+            deviation.push(table.add_bin(pieces, ends, scales));
         }
         let last = channels(pieces.at(1.0), 1.0);
         table.add_lines([1.0, 2.0, 3.0], [last; 4], scales);
-        table.deviation.push([0.0; 2]);
-        table.blocks = table.deviation.chunks(BLOCK).map(largest).collect();
+        deviation.push(Deviation::default());
+        table.deviation = RunTree::new(deviation.into_iter());
         table
     }
 
-    fn add_bin(&mut self, pieces: &PieceList, [from, to]: [f64; 2], scales: [f64; 2]) {
+    /// Adds the bin between two x; returns how far the function is from it.
+    fn add_bin(&mut self, pieces: &PieceList, [from, to]: [f64; 2], scales: [f64; 2]) -> Deviation {
         let (first, last) = (pieces.find(from), pieces.find(to.next_down()));
         let kink = |index: usize| {
             let kink = pieces.piece(index).kink_from(pieces.piece(index - 1));
@@ -161,7 +161,7 @@ impl TransferTable {
         let end = channels(pieces.piece(last), to);
         let ends = [start, before, after, end];
         self.add_lines([from, corner, to], ends, scales);
-        let mut off = [0.0_f64; 2];
+        let mut off = Deviation::default();
         for index in first..=last {
             let piece = pieces.piece(index);
             let is_after = sharpest.is_some_and(|sharpest| index >= sharpest);
@@ -171,9 +171,9 @@ impl TransferTable {
                 [(from, start), (corner, before)]
             };
             let ends = [piece.start.max(from), piece.end.min(to)];
-            off = largest(&[off, off_line(piece, line, ends)]);
+            off = off.and(Deviation(off_line(piece, line, ends)));
         }
-        self.deviation.push(off);
+        off
     }
 
     /// Adds the lines of a bin from `places[0]` to `places[2]` with a corner at `places[1]`, whose
@@ -201,16 +201,7 @@ impl TransferTable {
         let bin = |x: f64| (x.clamp(0.0, 1.0) * BINS as f64) as usize;
         // Rounding to f32 may choose the bin beside.
         let (first, last) = (bin(low).saturating_sub(1), (bin(high) + 1).min(BINS));
-        let (from, to) = (first.div_ceil(BLOCK), (last + 1) / BLOCK);
-        if from >= to {
-            return largest(&self.deviation[first..=last]);
-        }
-        let parts = [
-            largest(&self.deviation[first..from * BLOCK]),
-            largest(&self.blocks[from..to]),
-            largest(&self.deviation[to * BLOCK..=last]),
-        ];
-        largest(&parts)
+        self.deviation.over(first, last + 1).0
     }
 }
 
@@ -252,8 +243,14 @@ fn between([(from, start), (to, end)]: [(f64, [f64; 4]); 2], x: f64) -> [f64; 4]
     std::array::from_fn(|c| start[c] + share * (end[c] - start[c]))
 }
 
-fn largest(of: &[[f64; 2]]) -> [f64; 2] {
-    of.iter().fold([0.0; 2], |most, off| [most[0].max(off[0]), most[1].max(off[1])])
+/// Largest differences, of emission and extinction.
+#[derive(Debug, Clone, Copy, Default)]
+struct Deviation([f64; 2]);
+
+impl Run for Deviation {
+    fn and(self, Self(other): Self) -> Self {
+        Self([self.0[0].max(other[0]), self.0[1].max(other[1])])
+    }
 }
 
 #[cfg(test)]

@@ -7,65 +7,66 @@ pub(super) type Window = (usize, usize);
 /// Windows along each axis; all triples of them are folded over.
 pub(super) type Triples = [Vec<Window>; 3];
 
-/// One plane of a cube and one line of it, folded so far. Their memory is reused.
+/// Planes of a cube folded so far, one for each window across them, the plane in hand and a line.
+/// Their memory is reused.
 #[derive(Debug, Default)]
 pub(super) struct Folder<T> {
-    row: Vec<T>,
     plane: Vec<T>,
+    folded: Vec<T>,
     line: Vec<T>,
 }
 
 impl<T: Copy> Folder<T> {
-    /// Most heap bytes for cubes of `side` and rows of `PARTS` values a place.
-    pub(super) fn bytes<const PARTS: usize>(side: usize) -> u64 {
-        ((side + 2) * side * PARTS * size_of::<T>()) as u64
+    /// Most heap bytes for cubes of `side` with so many windows along an axis.
+    pub(super) fn bytes(side: usize, windows: usize) -> u64 {
+        ((side * (windows + 1) + 1) * side * size_of::<T>()) as u64
     }
 
     /// Heap bytes held.
     #[cfg(test)]
     pub(super) fn held(&self) -> usize {
-        let all = [&self.row, &self.plane, &self.line];
+        let all = [&self.plane, &self.folded, &self.line];
         all.iter().map(|buffer| buffer.capacity() * size_of::<T>()).sum()
     }
 
-    /// Tells `found`, x fastest, what `fold` makes of all places of each triple of `windows`,
-    /// beginning from `none`. `row` writes the `PARTS` values of each place (x, y, z) along x into
-    /// a row, part by part.
-    pub(super) fn fold<const PARTS: usize>(
+    /// Tells `found`, x fastest, what `fold` makes of all places of each triple of `windows` in a
+    /// cube of `side`, beginning from `none`. `plane` writes what is at each place (x, y, z) of a
+    /// plane z, x fastest.
+    pub(super) fn fold(
         &mut self,
-        windows: [&[Window]; 3],
+        (side, windows): (usize, &Triples),
         none: T,
         fold: impl Fn(T, T) -> T + Copy,
-        mut row: impl FnMut([usize; 2], &mut [T]),
-        mut found: impl FnMut([T; PARTS]),
+        mut plane: impl FnMut(usize, &mut [T]),
+        mut found: impl FnMut(T),
     ) {
-        let [wide, high] = [0, 1].map(|a| windows[a].iter().map(|w| w.1 + 1).max().unwrap_or(0));
-        let width = wide * PARTS;
-        for (buffer, length) in
-            [(&mut self.row, width), (&mut self.plane, width * high), (&mut self.line, width)]
-        {
+        let area = side * side;
+        for (buffer, length) in [
+            (&mut self.plane, area),
+            (&mut self.folded, area * windows[2].len()),
+            (&mut self.line, side),
+        ] {
             buffer.clear();
             buffer.reserve_exact(length);
             buffer.resize(length, none);
         }
-        for &(first, last) in windows[2] {
-            self.plane.fill(none);
-            for z in first..=last {
-                for y in 0..high {
-                    row([y, z], &mut self.row);
-                    fold_into(&mut self.plane[y * width..][..width], &self.row, fold);
+        let deep = windows[2].iter().map(|window| window.1 + 1).max().unwrap_or(0);
+        for z in 0..deep {
+            plane(z, &mut self.plane);
+            for (folded, &(first, last)) in self.folded.chunks_exact_mut(area).zip(&windows[2]) {
+                if (first..=last).contains(&z) {
+                    fold_into(folded, &self.plane, fold);
                 }
             }
-            for &(first, last) in windows[1] {
+        }
+        for folded in self.folded.chunks_exact(area) {
+            for &(first, last) in &windows[1] {
                 self.line.fill(none);
-                for y in first..=last {
-                    fold_into(&mut self.line, &self.plane[y * width..][..width], fold);
+                for row in folded[first * side..(last + 1) * side].chunks_exact(side) {
+                    fold_into(&mut self.line, row, fold);
                 }
-                for &(first, last) in windows[0] {
-                    found(std::array::from_fn(|part| {
-                        let places = &self.line[part * wide..][first..=last];
-                        places.iter().copied().fold(none, fold)
-                    }));
+                for &(first, last) in &windows[0] {
+                    found(self.line[first..=last].iter().copied().fold(none, fold));
                 }
             }
         }
@@ -77,12 +78,6 @@ fn fold_into<T: Copy>(all: &mut [T], more: &[T], fold: impl Fn(T, T) -> T) {
     for (all, more) in all.iter_mut().zip(more) {
         *all = fold(*all, *more);
     }
-}
-
-/// The larger one; of no number the first.
-#[inline]
-pub(super) fn larger(a: f64, b: f64) -> f64 {
-    if b > a { b } else { a }
 }
 
 #[cfg(test)]
@@ -99,24 +94,20 @@ mod tests {
     proptest! {
         #[test]
         fn windows_hold_what_their_places_do(
-            x in windows(7),
-            y in windows(6),
-            z in windows(5),
-            values in prop::collection::vec(prop_oneof![-1.0..1.0_f64, Just(f64::NAN)], 210),
+            windows in [windows(7), windows(7), windows(7)],
+            values in prop::collection::vec(prop_oneof![-1.0..1.0_f64, Just(f64::NAN)], 343),
         ) {
-            let at = |x: usize, y: usize, z: usize| values[(z * 6 + y) * 7 + x];
             let mut expected = Vec::new();
-            for &(z0, z1) in &z {
-                for &(y0, y1) in &y {
-                    for &(x0, x1) in &x {
-                        let mut range = [f64::NEG_INFINITY; 2];
+            for &(z0, z1) in &windows[2] {
+                for &(y0, y1) in &windows[1] {
+                    for &(x0, x1) in &windows[0] {
+                        let mut most = f64::NEG_INFINITY;
                         for place in (z0..=z1).flat_map(|z| {
                             (y0..=y1).flat_map(move |y| (x0..=x1).map(move |x| [x, y, z]))
                         }) {
-                            let value = at(place[0], place[1], place[2]);
-                            range = [larger(range[0], value), larger(range[1], -value)];
+                            most = most.max(values[(place[2] * 7 + place[1]) * 7 + place[0]]);
                         }
-                        expected.push(range);
+                        expected.push(most);
                     }
                 }
             }
@@ -126,19 +117,14 @@ mod tests {
             for _ in 0..2 {
                 found.clear();
                 folder.fold(
-                    [&x, &y, &z],
+                    (7, &windows),
                     f64::NEG_INFINITY,
-                    larger,
-                    |[y, z], row| {
-                        let half = row.len() / 2;
-                        for x in 0..half {
-                            (row[x], row[half + x]) = (at(x, y, z), -at(x, y, z));
-                        }
-                    },
-                    |range: [f64; 2]| found.push(range),
+                    f64::max,
+                    |z, plane| plane.copy_from_slice(&values[z * 49..][..49]),
+                    |most| found.push(most),
                 );
             }
-            prop_assert_eq!(found, expected);
+            prop_assert_eq!(&found, &expected);
         }
     }
 }

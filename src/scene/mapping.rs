@@ -1,5 +1,6 @@
 //! From a field's value to the transfer function's x.
 
+use super::log10::log10;
 use crate::{Error, Result};
 
 /// [`Mapping::unclamped`] saturates at ± this, so that what is interpolated stays finite, in f32
@@ -24,13 +25,14 @@ pub enum Scale {
 
 impl Scale {
     /// s(f); `f` must be positive under [`Scale::Log10`].
+    #[inline(always)]
     fn apply(self, f: f64) -> f64 {
         match self {
             Self::Linear => f,
-            Self::Log10 => f.log10(),
+            Self::Log10 => log10(f),
             Self::Symlog { linthresh } => {
                 let u = (f.abs() / linthresh).min(f64::MAX);
-                let s = if u <= 1.0 { u / 0.9 } else { 1.0 / 0.9 + u.log10() };
+                let s = if u <= 1.0 { u / 0.9 } else { 1.0 / 0.9 + log10(u) };
                 s.copysign(f)
             }
         }
@@ -114,14 +116,42 @@ impl Mapping {
     /// x of field value `f` in code units: below 0 and above 1 where `f` lies outside the range.
     /// Finite for every `f`.
     pub fn unclamped(&self, f: f64) -> f64 {
-        let without_range = self.floor.is_nan() || self.high <= self.low;
-        if f.is_nan() || without_range || self.high.is_nan() || self.low.is_nan() {
-            return 0.0;
+        if self.is_flat() { 0.0 } else { self.place(f, |f| self.scale.apply(f)) }
+    }
+
+    /// [`Self::unclamped`] of all `fields`, times `unit`.
+    #[inline(always)]
+    pub fn unclamped_all(&self, fields: &[f32], unit: f64, out: &mut [f64]) {
+        if self.is_flat() {
+            return out.fill(0.0);
         }
-        let scaled = self.scale.apply((f * self.factor).max(self.floor));
+        // One loop for each scale, so that none asks in between; and no calls in them.
+        match self.scale {
+            Scale::Linear => self.place_all(fields, unit, out, |f| f),
+            Scale::Log10 => self.place_all(fields, unit, out, log10),
+            Scale::Symlog { .. } => self.place_all(fields, unit, out, |f| self.scale.apply(f)),
+        }
+    }
+
+    /// Whether everything maps to 0.
+    fn is_flat(&self) -> bool {
+        let ends = self.floor.is_nan() || self.high.is_nan() || self.low.is_nan();
+        ends || self.high <= self.low
+    }
+
+    #[inline(always)]
+    fn place_all(&self, fields: &[f32], unit: f64, out: &mut [f64], scale: impl Fn(f64) -> f64) {
+        for (x, field) in out.iter_mut().zip(fields) {
+            *x = self.place(f64::from(*field) * unit, &scale);
+        }
+    }
+
+    #[inline(always)]
+    fn place(&self, f: f64, scale: impl Fn(f64) -> f64) -> f64 {
+        let scaled = scale((f * self.factor).max(self.floor));
         // Halves: the difference of two finite numbers need not be finite.
         let x = (0.5 * scaled - 0.5 * self.low) / (0.5 * self.high - 0.5 * self.low);
-        x.clamp(-LARGEST_UNCLAMPED, LARGEST_UNCLAMPED)
+        if f.is_nan() { 0.0 } else { x.clamp(-LARGEST_UNCLAMPED, LARGEST_UNCLAMPED) }
     }
 
     /// How far x may be off where field values are off by at most `linear` (code units), and their

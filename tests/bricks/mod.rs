@@ -16,7 +16,7 @@ use std::rc::Rc;
 use deepfield::cache::{BrickPlace, Cache, Decoder, FieldRecord, NodeRecord, RawBrick, state};
 use deepfield::render::cut::FootprintCut;
 use deepfield::render::interpolant::DrawnNeighbours;
-use deepfield::render::scaled::ScaledBrick;
+use deepfield::render::scaled::{ScaledBrick, one_by_one};
 use deepfield::scene::Interpolation;
 use deepfield::space::{FRACTION_BITS, Position};
 use glam::DVec3;
@@ -105,7 +105,7 @@ impl<'c> Tree<'c> {
             return Rc::clone(scaled);
         }
         let (raw, header) = (self.raw(node), self.cache.header());
-        let map = |stored| self.map(scale, stored);
+        let map = one_by_one(|stored| self.map(scale, stored));
         let mut scaled = ScaledBrick::new();
         scaled.prepare(&raw, &node.place, header, map, Interpolation::Linear).unwrap();
         Rc::clone(keep(&mut self.scaled.borrow_mut(), (node.index, scale), scaled))

@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use deepfield::cache::{Block, BrickPlace, BrickShape, RawBrick, state};
 use deepfield::render::interpolant::DrawnNeighbours;
-use deepfield::render::scaled::ScaledBrick;
+use deepfield::render::scaled::{ScaledBrick, one_by_one};
 use deepfield::scene::Interpolation;
 use deepfield::space::Position;
 
@@ -31,7 +31,9 @@ impl Tree<'_> {
         let header = self.cache.header();
         let filled = prolonged(&raw, &node.place, header.shape);
         let mut scaled = ScaledBrick::new();
-        scaled.prepare(&filled, &node.place, header, f64::from, Interpolation::Linear).unwrap();
+        scaled
+            .prepare(&filled, &node.place, header, one_by_one(f64::from), Interpolation::Linear)
+            .unwrap();
         Rc::clone(super::keep(&mut self.unblended.borrow_mut(), (node.index, scale), scaled))
     }
 }
