@@ -12,6 +12,7 @@ pub mod derive;
 pub mod error;
 pub mod image;
 pub mod ingest;
+mod lanes;
 pub mod paging;
 pub mod render;
 pub mod scene;

@@ -6,10 +6,11 @@ use super::planes;
 /// zstd level: what higher ones save on byte-shuffled floats is not worth their time.
 const COMPRESSION_LEVEL: i32 = 3;
 
-/// Compresses payloads; holds the codec's context and a scratch buffer for one thread.
+/// Compresses payloads; holds the codec's context and scratch buffers for one thread.
 pub struct Encoder {
     context: zstd::bulk::Compressor<'static>,
     raw: Vec<u8>,
+    stored: Vec<u8>,
 }
 
 impl Encoder {
@@ -18,7 +19,8 @@ impl Encoder {
     /// # Errors
     /// What the codec says when it cannot be set up.
     pub fn new() -> std::io::Result<Self> {
-        Ok(Self { context: zstd::bulk::Compressor::new(COMPRESSION_LEVEL)?, raw: Vec::new() })
+        let context = zstd::bulk::Compressor::new(COMPRESSION_LEVEL)?;
+        Ok(Self { context, raw: Vec::new(), stored: Vec::new() })
     }
 
     /// The stored form of `brick`.
@@ -41,7 +43,11 @@ impl Encoder {
             planes::split(values, [a0, b0, c0, d0]);
             (a, b, c, d) = (a1, b1, c1, d1);
         }
-        self.context.compress(&self.raw)
+        self.stored.clear();
+        self.stored.reserve(stored_bytes_limit(self.raw.len()));
+        self.context.compress_to_buffer(&self.raw, &mut self.stored)?;
+        // What is kept takes no more room than it needs.
+        Ok(self.stored.as_slice().to_vec())
     }
 }
 

@@ -107,10 +107,13 @@ impl Assembler<'_> {
             self.cells.rows(number, field, &wanted, &mut |first, values| {
                 let start = draft.index(first);
                 let states = &mut draft.states[start..start + values.len()];
-                if states.iter().any(|bits| bits & state::EXISTS != 0) {
+                if states.iter().fold(0, |any, bits| any | bits) & state::EXISTS != 0 {
                     return Err(self.overlap(job, number, first)?);
                 }
-                if let Some(i) = values.iter().position(|value| value.abs() > LARGEST) {
+                let is_too_large = |value: &f64| value.abs() > LARGEST;
+                if values.iter().fold(false, |any, value| any | is_too_large(value))
+                    && let Some(i) = values.iter().position(is_too_large)
+                {
                     return Err(self.too_large(number, first, i, values[i])?);
                 }
                 states.iter_mut().for_each(|bits| *bits |= state::EXISTS);
@@ -135,31 +138,31 @@ impl Assembler<'_> {
 
     /// Marks dropped leaf cells and counts the others.
     fn finish_leaves(&self, job: &Job, draft: &mut Draft, tally: &mut Tally) -> Counts {
-        let mut counts = Counts::default();
-        let has_rules = self.rules.drop_below.is_some() || self.rules.region.is_some();
-        let mut kept = Vec::with_capacity(draft.states.len());
+        if self.rules.drop_below.is_some() || self.rules.region.is_some() {
+            self.drop_leaves(job, draft, tally);
+        }
+        let count = |is: fn(u8) -> bool| {
+            draft.states.iter().fold(0, |count, &bits| count + u32::from(is(bits)))
+        };
+        let existing = count(|bits| bits & state::EXISTS != 0);
+        let refined = count(|bits| bits & state::REFINED != 0);
+        let leaves = kept(&draft.states, draft.values.iter().copied());
+        tally.nan_cells += u64::from(count(|bits| bits == state::EXISTS)) - leaves.len() as u64;
+        tally.count(&leaves);
+        Counts { existing, refined, leaf: existing - refined }
+    }
+
+    fn drop_leaves(&self, job: &Job, draft: &mut Draft, tally: &mut Tally) {
         for at in 0..draft.states.len() {
-            let bits = draft.states[at];
-            counts.existing += u32::from(bits & state::EXISTS != 0);
-            counts.refined += u32::from(bits & state::REFINED != 0);
-            if bits & (state::EXISTS | state::REFINED) != state::EXISTS {
-                continue;
-            }
             let value = draft.values[at];
-            if has_rules && self.drops(job.octree, draft.cell(at), value) {
+            let is_leaf = draft.states[at] == state::EXISTS;
+            if is_leaf && self.drops(job.octree, draft.cell(at), value) {
                 draft.states[at] |= state::VOID;
                 draft.values[at] = 0.0;
                 tally.dropped_cells += 1;
                 tally.dropped_sum.add(if value.is_nan() { 0.0 } else { value });
-            } else if value.is_nan() {
-                tally.nan_cells += 1;
-            } else {
-                kept.push(value);
             }
         }
-        counts.leaf = counts.existing - counts.refined;
-        tally.count(&kept);
-        counts
     }
 
     fn drops(&self, octree: i32, cell: [i128; 3], value: f64) -> bool {
@@ -276,17 +279,20 @@ impl Draft {
         if !averages.weights.is_empty() && self.weights.is_empty() {
             self.weights = vec![1.0; self.states.len()];
         }
-        for (from, &bits) in averages.states.iter().enumerate() {
-            if bits == 0 {
-                continue;
+        for row in 0..half * half {
+            let (y, z) = (row % half, row / half);
+            let from = row * half..(row + 1) * half;
+            let to = ((z + offset(2)) * self.edge + y + offset(1)) * self.edge + offset(0);
+            let to = to..to + half;
+            take(
+                &mut self.values[to.clone()],
+                &averages.values[from.clone()],
+                &averages.states[from.clone()],
+            );
+            if let Some(weights) = averages.weights.get(from.clone()) {
+                take(&mut self.weights[to.clone()], weights, &averages.states[from.clone()]);
             }
-            let (x, y, z) = (from % half, from / half % half, from / half / half);
-            let to = ((z + offset(2)) * self.edge + y + offset(1)) * self.edge + x + offset(0);
-            self.states[to] = bits;
-            self.values[to] = averages.values[from];
-            if let Some(&weight) = averages.weights.get(from) {
-                self.weights[to] = weight;
-            }
+            take(&mut self.states[to], &averages.states[from.clone()], &averages.states[from]);
         }
     }
 
@@ -294,15 +300,42 @@ impl Draft {
     fn store(self, relative_error: f64, tally: &mut Tally) -> FieldCells {
         let (largest, smallest) = magnitudes(&self.values);
         let power = exponent(largest, smallest);
-        let store = |&value: &f64| {
-            let scaled = if power == 0 { value } else { times_power_of_two(value, -power) };
-            round_mantissa(scaled as f32, relative_error)
+        let scaled = |&value: &f64| times_power_of_two(value, -power) as f32;
+        let mut values: Vec<f32> = match power {
+            0 => self.values.iter().map(|&value| value as f32).collect(),
+            _ => self.values.iter().map(scaled).collect(),
         };
-        let values: Vec<f32> = self.values.iter().map(store).collect();
-        let leaves = values.iter().zip(&self.states);
-        let leaves = leaves.filter(|(value, bits)| **bits == state::EXISTS && !value.is_nan());
-        let stored: Vec<f64> = leaves.map(|(&value, _)| f64::from(value)).collect();
+        if relative_error > 0.0 {
+            values.iter_mut().for_each(|value| *value = round_mantissa(*value, relative_error));
+        }
+        let stored = kept(&self.states, values.iter().map(|&value| f64::from(value)));
         tally.stored_sum.add(times_power_of_two(sum(&stored).value(), power));
         FieldCells { exponent: power, states: self.states, values }
+    }
+}
+
+/// The values of leaf cells that are neither dropped nor NaN, in their order.
+fn kept(states: &[u8], values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut kept = vec![0.0; states.len()];
+    let mut count = 0;
+    for (&bits, value) in states.iter().zip(values) {
+        // Written in any case, which is faster than to branch: the next takes its place.
+        kept[count] = value;
+        count += usize::from((bits == state::EXISTS) & !value.is_nan());
+    }
+    kept.truncate(count);
+    kept
+}
+
+/// Takes those cells of a row that have `states`.
+fn take<T: Copy>(to: &mut [T], from: &[T], states: &[u8]) {
+    if states.iter().fold(true, |all, &bits| all & (bits != 0)) {
+        to.copy_from_slice(from);
+        return;
+    }
+    for ((to, &from), &bits) in to.iter_mut().zip(from).zip(states) {
+        if bits != 0 {
+            *to = from;
+        }
     }
 }

@@ -8,9 +8,10 @@ use rayon::prelude::*;
 use super::Progress;
 use super::build::upper_levels;
 use super::drafts::{Draft, Drafts, FieldDraft, field_record};
-use super::gather::{Gatherer, is_void, range};
+use super::gather::{Gatherer, is_void};
 use super::hood::{Hood, Walk};
-use super::residual::Residual;
+use super::range::range;
+use super::residual::{Residual, Scale};
 use super::store::{BrickStore, StoredBricks};
 use crate::atomic_file::AtomicFile;
 use crate::cache::{Encoder, FieldRecord, Header, NodeRecord, RawBrick, Writer};
@@ -161,12 +162,9 @@ impl Completion<'_> {
             return [0.0; 2];
         }
         let factor = f64::from(field.exponent).exp2();
-        let linear = residual.bound(raw, |stored| f64::from(stored) * factor);
+        let linear = residual.bound(raw, Scale::Linear { factor });
         let Some(floor) = field.smallest_positive else { return [linear, f64::INFINITY] };
-        let log10 = residual.bound(raw, |stored| {
-            // Twice as fast as log10, and as close.
-            (f64::from(stored) * factor).max(floor).ln() * std::f64::consts::LOG10_E
-        });
+        let log10 = residual.bound(raw, Scale::Log10 { factor, floor });
         [linear, log10]
     }
 

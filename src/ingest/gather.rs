@@ -76,8 +76,10 @@ impl Gatherer<'_> {
             }
         }
         self.mark_outside(hood, first, block);
-        let complete = block.states.iter().all(|bits| bits & (state::EXISTS | state::OUTSIDE) != 0);
-        if block.states.iter().any(|bits| bits & state::VOID != 0) {
+        // Without an end at the first: many states at a time.
+        let known = |bits: u8| bits & (state::EXISTS | state::OUTSIDE) != 0;
+        let complete = block.states.iter().fold(true, |all, &bits| all & known(bits));
+        if block.states.iter().fold(0, |any, bits| any | bits) & state::VOID != 0 {
             self.fill_void(hood, first, &mut around, block)?;
         }
         Ok(complete)
@@ -101,9 +103,9 @@ impl Gatherer<'_> {
                     + local(xs.start, 0);
                 let place = |p: i32, a: usize| (p - first[a]) as usize;
                 let to = block.at(place(xs.start, 0), place(y, 1), place(z, 2));
-                block.states[to..to + count].copy_from_slice(&cells.states[from..from + count]);
+                put(&mut block.states[to..to + count], &cells.states[from..from + count]);
                 let values = &mut block.values[to..to + count];
-                values.copy_from_slice(&cells.values[from..from + count]);
+                put(values, &cells.values[from..from + count]);
                 if power != 0 {
                     for value in values {
                         *value = times_power_of_two(f64::from(*value), power) as f32;
@@ -197,6 +199,14 @@ impl Gatherer<'_> {
     }
 }
 
+/// Copies cells; single ones, as most ghosts are, without a call.
+fn put<T: Copy>(to: &mut [T], from: &[T]) {
+    match (&mut *to, from) {
+        ([to], [from]) => *to = *from,
+        _ => to.copy_from_slice(from),
+    }
+}
+
 /// Whether nothing in the brick's box is drawn at any level: every cell inside the domain was
 /// dropped, at its own level or as part of the coarser cell that owns it.
 pub(super) fn is_void(shape: BrickShape, raw: &RawBrick) -> bool {
@@ -216,19 +226,4 @@ pub(super) fn is_void(shape: BrickShape, raw: &RawBrick) -> bool {
         }
         false
     })
-}
-
-/// [min, max] of all values that exist in the payload, and whether NaN is among them.
-pub(super) fn range(raw: &RawBrick) -> ([f32; 2], bool) {
-    let mut range = crate::cache::EMPTY_RANGE;
-    let mut nan = false;
-    for block in &raw.blocks {
-        for (&value, &bits) in block.values.iter().zip(&block.states) {
-            if bits & state::EXISTS != 0 {
-                nan |= value.is_nan();
-                range = [range[0].min(value), range[1].max(value)];
-            }
-        }
-    }
-    (range, nan)
 }

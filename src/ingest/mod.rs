@@ -19,6 +19,7 @@ mod overlaps;
 mod packed;
 mod plan;
 mod progress;
+mod range;
 mod residual;
 mod sort;
 mod spool;

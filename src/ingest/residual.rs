@@ -2,11 +2,13 @@
 
 mod borders;
 mod lattice;
+mod scale;
 
 use crate::cache::{Block, BrickShape, RawBrick, state};
 
 use borders::Borders;
 use lattice::Lattice;
+pub(super) use scale::Scale;
 
 /// Where in a brick F_l − F_{l−1} is known closely, and where only bounded; `F` as in
 /// `docs/ARCHITECTURE.md`, "Across levels".
@@ -32,35 +34,37 @@ impl Residual {
         let edge = shape.edge();
         self.has_nan = has_nan;
         self.borders.clear();
+        self.lattice.begin(edge);
         if is_complete(fine) && is_complete(coarse) {
-            self.lattice.count_all(edge);
-            return true;
-        }
-        self.lattice.count_none(edge);
-        self.borders.look_at(raw);
-        for z in 0..edge {
-            for y in 0..edge {
-                for x in 0..edge {
-                    let cell = [x, y, z];
-                    if self.borders.is_inside(raw, cell) {
-                        self.lattice.count(cell);
-                    } else if fine.states[fine.at(x + 1, y + 1, z + 1)] & state::EXISTS != 0 {
-                        self.borders.add(raw, cell);
-                    }
-                }
+            (0..edge * edge).for_each(|_| self.lattice.push(u32::MAX));
+        } else {
+            self.borders.look_at(raw);
+            for row in (0..edge * edge).map(|at| [at % edge, at / edge]) {
+                let inside = self.borders.inside(raw, row);
+                self.lattice.push(inside);
+                self.add_borders(raw, row, Borders::existing(raw, row) & !inside);
             }
         }
+        self.lattice.end();
         true
     }
 
+    /// Adds those of a row's cells, a bit each, that lie beside borders.
+    fn add_borders(&mut self, raw: &RawBrick, [y, z]: [usize; 2], mut cells: u32) {
+        while cells != 0 {
+            self.borders.add(raw, [cells.trailing_zeros() as usize, y, z]);
+            cells &= cells - 1;
+        }
+    }
+
     /// Bounds |F_l − F_{l−1}| over the box of `raw`, the brick last looked at, of values mapped by
-    /// `scale`, which never falls. Infinite where NaN takes part.
-    pub(super) fn bound(&mut self, raw: &RawBrick, scale: impl Fn(f32) -> f64) -> f64 {
+    /// `scale`. Infinite where NaN takes part.
+    pub(super) fn bound(&mut self, raw: &RawBrick, scale: Scale) -> f64 {
         if self.has_nan {
             return f64::INFINITY;
         }
         let [fine, coarse, ..] = raw.blocks.as_slice() else { return 0.0 };
-        let inside = self.lattice.difference(fine, coarse, &scale);
+        let inside = self.lattice.difference(fine, coarse, scale);
         self.borders.spread(scale).max(inside)
     }
 }

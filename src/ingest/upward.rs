@@ -161,26 +161,54 @@ pub(super) fn average(
         values: vec![0.0; half.pow(3)],
         weights: Vec::new(),
     };
-    let at = |x: usize, y: usize, z: usize| (z * edge + y) * edge + x;
-    let (mut parent, mut fractions) = (0, vec![1.0; half.pow(3)]);
-    for z in (0..edge).step_by(2) {
-        for y in (0..edge).step_by(2) {
-            for x in (0..edge).step_by(2) {
-                let octet: [usize; 8] =
-                    std::array::from_fn(|o| at(x + (o & 1), y + (o >> 1 & 1), z + (o >> 2)));
-                let (bits, value, weight) =
-                    average_octet(&octet, states, values, weights).ok_or([x, y, z])?;
-                averages.states[parent] = bits;
-                averages.values[parent] = value;
-                fractions[parent] = weight;
-                parent += 1;
-            }
+    let mut fractions = vec![1.0; half.pow(3)];
+    for row in 0..half * half {
+        let (y, z) = (2 * (row % half), 2 * (row / half));
+        let starts = [(y, z), (y + 1, z), (y, z + 1), (y + 1, z + 1)];
+        let starts = starts.map(|(y, z)| (z * edge + y) * edge);
+        let parents = row * half..(row + 1) * half;
+        let of_row = &mut averages.values[parents.clone()];
+        if weights.is_empty() && average_row(starts, edge, states, values, of_row) {
+            averages.states[parents].fill(state::EXISTS | state::REFINED);
+            continue;
+        }
+        for (x, parent) in (0..edge).step_by(2).zip(parents) {
+            let octet: [usize; 8] = std::array::from_fn(|o| starts[o >> 1] + x + (o & 1));
+            let (bits, value, weight) =
+                average_octet(&octet, states, values, weights).ok_or([x, y, z])?;
+            averages.states[parent] = bits;
+            averages.values[parent] = value;
+            fractions[parent] = weight;
         }
     }
     if fractions.iter().zip(&averages.states).any(|(&w, &bits)| bits != 0 && w != 1.0) {
         averages.weights = fractions;
     }
     Ok(averages)
+}
+
+/// Averages over a row of the parent's cells, from the four rows that begin at `starts`: as
+/// [`average_octet`] does, where all cells exist and none is dropped or NaN; false elsewhere.
+fn average_row(
+    starts: [usize; 4],
+    edge: usize,
+    states: &[u8],
+    values: &[f64],
+    averages: &mut [f64],
+) -> bool {
+    let is_plain =
+        |all: bool, bits: &u8| all & (bits & (state::EXISTS | state::VOID) == state::EXISTS);
+    let states = starts.map(|start| &states[start..start + edge]);
+    if !states.iter().all(|row| row.iter().fold(true, is_plain)) {
+        return false;
+    }
+    let [a, b, c, d] = starts.map(|start| values[start..start + edge].as_chunks::<2>().0);
+    let octets = a.iter().zip(b).zip(c.iter().zip(d));
+    for (average, ((a, b), (c, d))) in averages.iter_mut().zip(octets) {
+        let sum = 0.0 + a[0] + a[1] + b[0] + b[1] + c[0] + c[1] + d[0] + d[1];
+        *average = sum / 8.0;
+    }
+    averages.iter().fold(true, |all, average| all & !average.is_nan())
 }
 
 /// State, average and weight of one parent's cell; `None` where its cells exist only in part.
@@ -218,4 +246,49 @@ fn average_octet(
     }
     let value = if total > 0.0 { sum / total } else { f64::NAN };
     Some((parent, value, total / 8.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn averages_of_rows_are_those_of_each_octet() {
+        const EDGE: usize = 8;
+        let values = |seed: usize| -> Vec<f64> {
+            let value = |at: usize| ((at * 7 + seed) as f64 * 0.37).sin() * 1e3;
+            (0..EDGE.pow(3)).map(value).collect()
+        };
+        let (plain, refined) = (state::EXISTS, state::EXISTS | state::REFINED);
+        for seed in 0..6 {
+            let mut states = vec![if seed % 2 == 0 { plain } else { refined }; EDGE.pow(3)];
+            let mut values = values(seed);
+            for at in (seed..EDGE.pow(3)).step_by(89).skip(2) {
+                match seed {
+                    2 => values[at] = f64::NAN,
+                    3 => states[at] |= state::VOID,
+                    4 => states[at] = state::OUTSIDE,
+                    _ => {}
+                }
+            }
+            let averages = average(EDGE, &states, &values, &[]).unwrap();
+            let mut weights = Vec::new();
+            for at in 0..(EDGE / 2).pow(3) {
+                let first = [at % 4, at / 4 % 4, at / 16].map(|c| 2 * c);
+                let octet = std::array::from_fn(|o| {
+                    let [x, y, z] =
+                        [first[0] + (o & 1), first[1] + (o >> 1 & 1), first[2] + (o >> 2)];
+                    (z * EDGE + y) * EDGE + x
+                });
+                let (bits, value, weight) = average_octet(&octet, &states, &values, &[]).unwrap();
+                assert_eq!((averages.states[at], averages.values[at]), (bits, value), "{seed}");
+                weights.push(weight);
+            }
+            let even = weights.iter().all(|&weight| weight == 1.0);
+            assert_eq!(averages.weights, if even { Vec::new() } else { weights }, "{seed}");
+        }
+        let mut states = vec![plain; EDGE.pow(3)];
+        states[EDGE + 3] = 0;
+        assert_eq!(average(EDGE, &states, &values(1), &[]), Err([2, 0, 0]));
+    }
 }

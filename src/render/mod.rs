@@ -21,7 +21,6 @@ mod grade;
 pub mod interpolant;
 #[cfg(test)]
 mod interpolant_tests;
-mod lanes;
 mod ledger;
 #[cfg(test)]
 mod ledger_tests;
@@ -95,6 +94,7 @@ use self::view::View;
 use crate::Result;
 use crate::cache::Cache;
 use crate::image::Film;
+use crate::lanes;
 use crate::paging::{Budget, Counters, Pool, peak_rss_bytes};
 use crate::scene::{Samples, Scene, Tolerance};
 

@@ -1,6 +1,8 @@
 //! Cells beside borders: the ranges of the values that interpolants draw on there.
 
+use super::scale::Scale;
 use crate::cache::{Block, RawBrick, state};
+use crate::lanes::{Kernel, Lanes, Width};
 
 /// What lies around cells beside borders of levels, of holes and of the domain.
 #[derive(Debug, Default)]
@@ -9,6 +11,7 @@ pub(super) struct Borders {
     around: [Around; 2],
     /// [least, most] stored value that either interpolant draws on, for each cell beside a border.
     ranges: Vec<[f32; 2]>,
+    mapped: Vec<f64>,
 }
 
 impl Borders {
@@ -20,15 +23,24 @@ impl Borders {
     /// Looks at a brick's own block and its parent's.
     pub(super) fn look_at(&mut self, raw: &RawBrick) {
         for (around, block) in self.around.iter_mut().zip(&raw.blocks) {
-            around.look_at(block);
+            Width::best().run(LookAround { around, block });
         }
     }
 
-    /// Whether a cell, counted from the brick's lowest, and its parent have only cells around
-    /// them that exist.
-    pub(super) fn is_inside(&self, raw: &RawBrick, cell: [usize; 3]) -> bool {
-        let places = places(raw, cell);
-        (0..2).all(|up| self.around[up].kinds[places[up]] & Around::ABSENT == 0)
+    /// Which cells of a row along x, counted from the brick's lowest, have only cells around them
+    /// and their parents that exist: a bit each.
+    pub(super) fn inside(&self, raw: &RawBrick, [y, z]: [usize; 2]) -> u32 {
+        let edge = raw.blocks[0].side - 2;
+        let [own, above] = places(raw, [0, y, z]);
+        let own = lowest_bits(&self.around[0].kinds[own..own + edge]);
+        let above = lowest_bits(&self.around[1].kinds[above..above + edge / 2]);
+        !(own | doubled(above)) & (u32::MAX >> (u32::BITS as usize - edge))
+    }
+
+    /// The cells of a row along x that exist, likewise.
+    pub(super) fn existing(raw: &RawBrick, [y, z]: [usize; 2]) -> u32 {
+        let [own, _] = places(raw, [0, y, z]);
+        lowest_bits(&raw.blocks[0].states[own..own + raw.blocks[0].side - 2])
     }
 
     /// Adds a cell beside a border: what both interpolants draw on are the cells around it on
@@ -47,10 +59,32 @@ impl Borders {
     }
 
     /// The largest of all cells' ranges, of values mapped by `scale`, which never falls.
-    pub(super) fn spread(&self, scale: impl Fn(f32) -> f64) -> f64 {
-        let spreads = self.ranges.iter().map(|&[least, most]| scale(most) - scale(least));
+    pub(super) fn spread(&mut self, scale: Scale) -> f64 {
+        scale.map(self.ranges.as_flattened(), &mut self.mapped);
+        let spreads = self.mapped.as_chunks::<2>().0.iter().map(|[least, most]| most - least);
         spreads.fold(0.0, f64::max)
     }
+}
+
+/// The lowest bit of each of up to 32 bytes, the first's lowest.
+fn lowest_bits(bytes: &[u8]) -> u32 {
+    bytes.chunks(8).rev().fold(0, |bits, chunk| {
+        let mut word = [0; 8];
+        word[..chunk.len()].copy_from_slice(chunk);
+        // The product brings the bit of byte n to bit 56 + n, and no two to the same place.
+        let lowest = u64::from_le_bytes(word) & 0x0101_0101_0101_0101;
+        bits << 8 | (lowest.wrapping_mul(0x0102_0408_1020_4080) >> 56) as u32
+    })
+}
+
+/// Each of the lower 16 bits twice.
+fn doubled(bits: u32) -> u32 {
+    let apart = |bits: u32, by: u32, mask: u32| (bits | bits << by) & mask;
+    let bits = apart(bits, 8, 0x00ff_00ff);
+    let bits = apart(bits, 4, 0x0f0f_0f0f);
+    let bits = apart(bits, 2, 0x3333_3333);
+    let bits = apart(bits, 1, 0x5555_5555);
+    bits | bits << 1
 }
 
 /// Where a cell and its parent stand in their blocks.
@@ -113,8 +147,9 @@ struct Around {
     /// Least and largest stored value of those that exist.
     least: Vec<f32>,
     most: Vec<f32>,
-    /// What the values were before they were joined along an axis.
+    /// What they were before they were joined along an axis.
     spare: Vec<f32>,
+    spare_kinds: Vec<u8>,
 }
 
 impl Around {
@@ -123,6 +158,7 @@ impl Around {
     /// Some of these lie within the domain.
     const HOLE: u8 = 2;
 
+    #[inline(always)]
     fn look_at(&mut self, block: &Block) {
         let exists = |bits: u8| bits & state::EXISTS != 0;
         let cells = || block.values.iter().zip(&block.states);
@@ -136,13 +172,29 @@ impl Around {
         fill(&mut self.kinds, block.states.iter().map(kind));
         fill(&mut self.least, cells().map(value_or(f32::INFINITY)));
         fill(&mut self.most, cells().map(value_or(f32::NEG_INFINITY)));
-        let Self { kinds, least, most, spare } = self;
-        spread_out(kinds, &mut Vec::new(), block.side, |a, b| a | b);
+        let Self { kinds, least, most, spare, spare_kinds } = self;
+        spread_out(kinds, spare_kinds, block.side, |a, b| a | b);
         spread_out(least, spare, block.side, |a, b| if a < b { a } else { b });
         spread_out(most, spare, block.side, |a, b| if a > b { a } else { b });
     }
 }
 
+/// Looks at a block with all that the processor has.
+struct LookAround<'a> {
+    around: &'a mut Around,
+    block: &'a Block,
+}
+
+impl Kernel for LookAround<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        self.around.look_at(self.block);
+    }
+}
+
+#[inline(always)]
 fn fill<T>(values: &mut Vec<T>, new: impl Iterator<Item = T>) {
     values.clear();
     values.extend(new);
@@ -150,18 +202,41 @@ fn fill<T>(values: &mut Vec<T>, new: impl Iterator<Item = T>) {
 
 /// Joins each cell with its neighbours along each axis in turn. Rows run into each other at the
 /// block's edge, which no cell within reads.
-fn spread_out<T: Copy>(
-    values: &mut [T],
+#[inline(always)]
+fn spread_out<T: Copy + Default>(
+    values: &mut Vec<T>,
     spare: &mut Vec<T>,
     side: usize,
     join: impl Fn(T, T) -> T,
 ) {
+    spare.resize(values.len(), T::default());
     for stride in [1, side, side * side] {
-        spare.clear();
-        spare.extend_from_slice(values);
         let count = values.len().saturating_sub(2 * stride);
-        let (before, after) = (&spare[..count], &spare[2 * stride..][..count]);
-        let joined = values[stride..][..count].iter_mut().zip(before).zip(after);
-        joined.for_each(|((value, &a), &b)| *value = join(*value, join(a, b)));
+        let (before, after) = (&values[..count], &values[2 * stride..][..count]);
+        let joined = spare[stride..][..count].iter_mut().zip(&values[stride..]);
+        let joined = joined.zip(before.iter().zip(after));
+        joined.for_each(|((joined, &value), (&a, &b))| *joined = join(value, join(a, b)));
+        std::mem::swap(values, spare);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bits_are_gathered_and_doubled() {
+        let bytes: Vec<u8> =
+            (0..32_u32).map(|n| (n.wrapping_mul(0x9e37_79b9) >> 13) as u8).collect();
+        for count in [4, 8, 16, 32] {
+            let bits = lowest_bits(&bytes[..count]);
+            for (n, byte) in bytes.iter().enumerate() {
+                let expected = if n < count { u32::from(byte & 1) } else { 0 };
+                assert_eq!(bits >> n & 1, expected, "{n} of {count}");
+            }
+            if count <= 16 {
+                assert!((0..32).all(|n| doubled(bits) >> n & 1 == bits >> (n / 2) & 1), "{count}");
+            }
+        }
     }
 }

@@ -1,94 +1,191 @@
 //! The difference of two trilinear interpolants at the points where it takes its extremes.
 
+use super::scale::Scale;
 use crate::cache::Block;
-
-/// Differences that are compared side by side.
-const LANES: usize = 8;
+use crate::lanes::{Kernel, Lanes, Width};
 
 /// The points at half-integer coordinates in a brick, (2B + 1)³, and which of them count. Memory
 /// is reused.
+///
+/// Coarser cells' faces between cells that count hold no extreme: both interpolants are linear
+/// across them, between the centres of the finer cells beside them. Along y and z they are left
+/// out; along x they cost less than a row of its own order.
 #[derive(Debug, Default)]
 pub(super) struct Lattice {
     edge: usize,
-    /// Where points lie along an axis, in half cells.
-    places: Vec<usize>,
-    /// All bits where a point counts, none elsewhere; empty: all count.
-    counted: Vec<u64>,
-    is_empty: bool,
+    /// Cells whose points count: a bit for each cell of a row along x, rows along y, then z.
+    cells: Vec<u32>,
+    /// Rows of points of which some count.
+    rows: Vec<Row>,
     fine: Columns,
     coarse: Columns,
 }
 
-/// Along one axis: the value at a lattice point is `weights · values[first ..= first + 1]`.
-type Tap = (usize, [f64; 2]);
+/// A row of points along x: where it lies, in half cells, and the cells beside it that count.
+#[derive(Debug, Clone, Copy)]
+struct Row {
+    y: usize,
+    z: usize,
+    cells: u32,
+}
 
 impl Lattice {
-    /// Counts all points in a brick of `edge` cells. Coarser cells' faces within the brick need
-    /// not be looked at then: both interpolants are linear across them, between the centres of
-    /// the finer cells beside them.
-    pub(super) fn count_all(&mut self, edge: usize) {
+    /// Begins with a brick of `edge` cells of which none is known.
+    pub(super) fn begin(&mut self, edge: usize) {
         self.edge = edge;
-        self.places.clear();
-        let bends = |h: &usize| !h.is_multiple_of(4) || *h == 0 || *h == 2 * edge;
-        self.places.extend((0..=2 * edge).filter(bends));
-        self.counted.clear();
-        self.is_empty = false;
+        self.cells.clear();
     }
 
-    /// Counts no points.
-    pub(super) fn count_none(&mut self, edge: usize) {
-        self.edge = edge;
-        self.places.clear();
-        self.places.extend(0..=2 * edge);
-        self.counted.clear();
-        self.counted.resize(self.places.len().pow(3), 0);
-        self.is_empty = true;
+    /// Which cells of the next row along x count: their 27 points do then.
+    pub(super) fn push(&mut self, cells: u32) {
+        self.cells.push(cells);
     }
 
-    /// Counts the 27 points of a cell.
-    pub(super) fn count(&mut self, cell: [usize; 3]) {
-        let side = self.places.len();
-        self.is_empty = false;
-        for z in 2 * cell[2]..2 * cell[2] + 3 {
-            for y in 2 * cell[1]..2 * cell[1] + 3 {
-                let start = (z * side + y) * side + 2 * cell[0];
-                self.counted[start..start + 3].fill(u64::MAX);
+    /// All cells are known.
+    pub(super) fn end(&mut self) {
+        self.rows.clear();
+        for z in 0..=2 * self.edge {
+            for y in 0..=2 * self.edge {
+                let cells = self.beside(y, z);
+                if cells != 0 {
+                    self.rows.push(Row { y, z, cells });
+                }
             }
         }
     }
 
+    /// The cells beside a row of points that count; none where the row holds no extreme.
+    fn beside(&self, y: usize, z: usize) -> u32 {
+        let ([y0, y1], [z0, z1]) = (self.around(y), self.around(z));
+        let at = |y: usize, z: usize| self.cells.get(z * self.edge + y).copied().unwrap_or(0);
+        let [a, b, c, d] = [at(y0, z0), at(y1, z0), at(y0, z1), at(y1, z1)];
+        let is_inner = |h: usize| h.is_multiple_of(4) && h != 0 && h != 2 * self.edge;
+        let along_y = is_inner(y) && a == b && c == d;
+        let along_z = is_inner(z) && a == c && b == d;
+        if along_y || along_z { 0 } else { a | b | c | d }
+    }
+
+    /// The cells on both sides of a point, along one axis.
+    fn around(&self, h: usize) -> [usize; 2] {
+        if h.is_multiple_of(2) {
+            [(h / 2).saturating_sub(1), (h / 2).min(self.edge - 1)]
+        } else {
+            [h / 2; 2]
+        }
+    }
+
     /// Largest |T_l − T_{l−1}| over the points that count, of values mapped by `scale`.
-    pub(super) fn difference(
-        &mut self,
-        fine: &Block,
-        coarse: &Block,
-        scale: &impl Fn(f32) -> f64,
-    ) -> f64 {
-        if self.is_empty {
+    pub(super) fn difference(&mut self, fine: &Block, coarse: &Block, scale: Scale) -> f64 {
+        if self.rows.is_empty() {
             return 0.0;
         }
-        let taps = |tap: fn(usize) -> Tap| self.places.iter().map(|&h| tap(h)).collect::<Vec<_>>();
-        let (own, above) = (taps(fine_tap), taps(coarse_tap));
-        self.fine.interpolate(fine, &own, scale);
-        self.coarse.interpolate(coarse, &above, scale);
-        let plane = own.len() * own.len();
-        let all = vec![u64::MAX; if self.counted.is_empty() { plane } else { 0 }];
-        let planes = own.iter().zip(&above).enumerate();
-        planes.fold(0.0, |most: f64, (number, (own, above))| {
-            let counted = self.counted.get(number * plane..(number + 1) * plane).unwrap_or(&all);
-            let pairs = [self.fine.pair(plane, own), self.coarse.pair(plane, above)];
-            most.max(largest_difference(&pairs, counted))
-        })
+        scale.map(&fine.values, &mut self.fine.mapped);
+        scale.map(&coarse.values, &mut self.coarse.mapped);
+        match self.edge {
+            8 => Width::best().run(Difference::<4, 20>(self)),
+            16 => Width::best().run(Difference::<8, 36>(self)),
+            _ => Width::best().run(Difference::<16, 68>(self)),
+        }
     }
 }
 
-/// Even points lie on faces, odd ones at centres (block index = cell + 1).
-fn fine_tap(h: usize) -> Tap {
-    (h / 2, if h.is_multiple_of(2) { [0.5, 0.5] } else { [0.0, 1.0] })
+/// A block's values, interpolated along x, then along y.
+#[derive(Debug, Default)]
+struct Columns {
+    mapped: Vec<f64>,
+    along_x: Vec<f64>,
+    along_y: Vec<f64>,
+}
+
+/// Bricks of 2K cells, in rows of `ROW` points along x: the 4K + 1 and some zeros. Points come by
+/// where they lie in a coarser cell, so that their neighbours of either level lie side by side:
+/// the K at each of its quarters, half and three quarters, then the K + 1 at its faces.
+struct Difference<'l, const K: usize, const ROW: usize>(&'l mut Lattice);
+
+impl<const K: usize, const ROW: usize> Kernel for Difference<'_, K, ROW> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) -> f64 {
+        let Lattice { rows, fine, coarse, .. } = self.0;
+        fine_along_x::<K, ROW>(&fine.mapped, &mut fine.along_x);
+        faces_along_y::<K, ROW>(&fine.along_x, &mut fine.along_y);
+        coarse_along_x::<K, ROW>(&coarse.mapped, &mut coarse.along_x);
+        coarse_along_y::<K, ROW>(&coarse.along_x, &mut coarse.along_y);
+        largest::<K, ROW>(rows, fine, coarse)
+    }
+}
+
+/// Points lie at faces and centres (block index = cell + 1).
+#[inline(always)]
+fn fine_along_x<const K: usize, const ROW: usize>(mapped: &[f64], along_x: &mut Vec<f64>) {
+    let rows = mapped.chunks_exact(2 * K + 2);
+    along_x.resize(ROW * rows.len(), 0.0);
+    for (row, points) in rows.zip(along_x.as_chunks_mut::<ROW>().0) {
+        let row = &row[..2 * K + 2];
+        for k in 0..K {
+            let [a, b] = [row[2 * k + 1], row[2 * k + 2]];
+            points[k] = a;
+            points[K + k] = 0.5 * a + 0.5 * b;
+            points[2 * K + k] = b;
+        }
+        for k in 0..=K {
+            points[3 * K + k] = 0.5 * row[2 * k] + 0.5 * row[2 * k + 1];
+        }
+        points[4 * K + 1..].fill(0.0);
+    }
 }
 
 /// Points lie at quarters of coarser cells.
-fn coarse_tap(h: usize) -> Tap {
+#[inline(always)]
+fn coarse_along_x<const K: usize, const ROW: usize>(mapped: &[f64], along_x: &mut Vec<f64>) {
+    let rows = mapped.chunks_exact(K + 2);
+    along_x.resize(ROW * rows.len(), 0.0);
+    for (row, points) in rows.zip(along_x.as_chunks_mut::<ROW>().0) {
+        let row = &row[..K + 2];
+        for k in 0..K {
+            let [a, b, c] = [row[k], row[k + 1], row[k + 2]];
+            points[k] = 0.25 * a + 0.75 * b;
+            points[K + k] = b;
+            points[2 * K + k] = 0.75 * b + 0.25 * c;
+        }
+        for k in 0..=K {
+            points[3 * K + k] = 0.5 * row[k] + 0.5 * row[k + 1];
+        }
+        points[4 * K + 1..].fill(0.0);
+    }
+}
+
+/// The rows on faces along y; those at centres are what they were.
+#[inline(always)]
+fn faces_along_y<const K: usize, const ROW: usize>(along_x: &[f64], along_y: &mut Vec<f64>) {
+    let planes = along_x.chunks_exact((2 * K + 2) * ROW);
+    along_y.resize((2 * K + 1) * ROW * planes.len(), 0.0);
+    for (plane, faces) in planes.zip(along_y.chunks_exact_mut((2 * K + 1) * ROW)) {
+        let pairs = plane.iter().zip(&plane[ROW..]);
+        faces.iter_mut().zip(pairs).for_each(|(face, (a, b))| *face = 0.5 * a + 0.5 * b);
+    }
+}
+
+#[inline(always)]
+fn coarse_along_y<const K: usize, const ROW: usize>(along_x: &[f64], along_y: &mut Vec<f64>) {
+    let planes = along_x.chunks_exact((K + 2) * ROW);
+    along_y.resize((4 * K + 1) * ROW * planes.len(), 0.0);
+    for (plane, points) in planes.zip(along_y.chunks_exact_mut((4 * K + 1) * ROW)) {
+        let rows = plane.as_chunks::<ROW>().0;
+        for (h, points) in points.as_chunks_mut::<ROW>().0.iter_mut().enumerate() {
+            let (first, [a, b]) = coarse_tap(h);
+            let (p, q) = (&rows[first], &rows[first + 1]);
+            for n in 0..ROW {
+                points[n] = a * p[n] + b * q[n];
+            }
+        }
+    }
+}
+
+/// Along one axis: the coarser value at a point is `weights · values[first ..= first + 1]`.
+#[inline(always)]
+fn coarse_tap(h: usize) -> (usize, [f64; 2]) {
     match h % 4 {
         0 => (h / 4, [0.5, 0.5]),
         1 => (h / 4, [0.25, 0.75]),
@@ -97,72 +194,76 @@ fn coarse_tap(h: usize) -> Tap {
     }
 }
 
-/// A block's values, interpolated along x and y.
-#[derive(Debug, Default)]
-struct Columns {
-    mapped: Vec<f64>,
-    along_x: Vec<f64>,
-    along_y: Vec<f64>,
-}
-
-/// Two planes of values and their weights.
-type Pair<'c> = ([&'c [f64]; 2], [f64; 2]);
-
-impl Columns {
-    fn interpolate(&mut self, block: &Block, taps: &[Tap], scale: &impl Fn(f32) -> f64) {
-        self.mapped.clear();
-        self.mapped.extend(block.values.iter().map(|&value| scale(value)));
-        self.along_x.clear();
-        for row in self.mapped.chunks_exact(block.side) {
-            self.along_x.extend(taps.iter().map(|&(i, [a, b])| a * row[i] + b * row[i + 1]));
-        }
-        self.along_y.clear();
-        let width = taps.len();
-        for group in self.along_x.chunks_exact(width * block.side) {
-            for &(i, [a, b]) in taps {
-                let (first, second) = (&group[i * width..], &group[(i + 1) * width..]);
-                let rows = first[..width].iter().zip(second);
-                self.along_y.extend(rows.map(|(p, q)| a * p + b * q));
-            }
-        }
-    }
-
-    /// The planes of `plane` values between which the points of `tap` lie along z.
-    fn pair(&self, plane: usize, &(i, weights): &Tap) -> Pair<'_> {
-        let at = |i: usize| &self.along_y[i * plane..(i + 1) * plane];
-        ([at(i), at(i + 1)], weights)
-    }
-}
-
-/// Largest |own − above| of those points of a plane that are `counted`.
-fn largest_difference([(own, a), (above, b)]: &[Pair<'_>; 2], counted: &[u64]) -> f64 {
-    let weights = [a[0], a[1], b[0], b[1]];
-    let planes = [own[0], own[1], above[0], above[1]].map(<[f64]>::as_chunks::<LANES>);
-    let (counted, counted_rest) = counted.as_chunks::<LANES>();
-    let rest = planes.map(|(_, rest)| rest.as_chunks::<1>().0);
-    let most = largest(planes.map(|(chunks, _)| chunks), weights, counted);
-    most.max(largest(rest, weights, counted_rest.as_chunks::<1>().0))
-}
-
-fn largest<const N: usize>(
-    [p, q, r, s]: [&[[f64; N]]; 4],
-    [a, b, c, d]: [f64; 4],
-    counted: &[[u64; N]],
+/// Largest |own − above| of the points of `rows` that count.
+#[inline(always)]
+fn largest<const K: usize, const ROW: usize>(
+    rows: &[Row],
+    fine: &Columns,
+    coarse: &Columns,
 ) -> f64 {
-    let mut most = [0.0; N];
-    for ((((p, q), r), s), counted) in p.iter().zip(q).zip(r).zip(s).zip(counted) {
-        for n in 0..N {
-            let difference = (a * p[n] + b * q[n]) - (c * r[n] + d * s[n]);
-            let difference = f64::from_bits(difference.to_bits() & counted[n]).abs();
-            most[n] = if difference > most[n] { difference } else { most[n] };
+    let centres = fine.along_x.as_chunks::<ROW>().0;
+    let faces = fine.along_y.as_chunks::<ROW>().0;
+    let coarse = coarse.along_y.as_chunks::<ROW>().0;
+    let own = |y: usize, z: usize| match y % 2 {
+        0 => &faces[z * (2 * K + 1) + y / 2],
+        _ => &centres[z * (2 * K + 2) + y / 2 + 1],
+    };
+    let mut most = [0.0; ROW];
+    let (mut cells, mut counted) = (0, [0; ROW]);
+    for row in rows {
+        if row.cells != cells {
+            cells = row.cells;
+            counted = points_of::<K, ROW>(cells);
+        }
+        let (first, [a, b]) = coarse_tap(row.z);
+        let above = |z: usize| &coarse[z * (4 * K + 1) + row.y];
+        let (r, s) = (above(first), above(first + 1));
+        let (p, q) = (own(row.y, row.z / 2), own(row.y, row.z / 2 + 1));
+        match row.z % 4 {
+            0 => raise(&mut most, &counted, |n| 0.5 * p[n] + 0.5 * q[n] - (a * r[n] + b * s[n])),
+            2 => raise(&mut most, &counted, |n| 0.5 * p[n] + 0.5 * q[n] - s[n]),
+            _ => raise(&mut most, &counted, |n| q[n] - (a * r[n] + b * s[n])),
         }
     }
     most.into_iter().fold(0.0, f64::max)
 }
 
+/// Raises `most` to the magnitudes of differences that are counted.
+#[inline(always)]
+fn raise<const ROW: usize>(
+    most: &mut [f64; ROW],
+    counted: &[u64; ROW],
+    difference: impl Fn(usize) -> f64,
+) {
+    for n in 0..ROW {
+        let difference = f64::from_bits(difference(n).to_bits() & counted[n]).abs();
+        most[n] = if difference > most[n] { difference } else { most[n] };
+    }
+}
+
+/// All bits for the points of a row's `cells`, none for others.
+#[inline(always)]
+fn points_of<const K: usize, const ROW: usize>(cells: u32) -> [u64; ROW] {
+    let cells = u64::from(cells);
+    let bits = |counts: u64| (counts & 1).wrapping_neg();
+    let mut points = [0; ROW];
+    for k in 0..K {
+        let pair = cells >> (2 * k);
+        points[k] = bits(pair);
+        points[K + k] = bits(pair | pair >> 1);
+        points[2 * K + k] = bits(pair >> 1);
+    }
+    for k in 0..=K {
+        points[3 * K + k] = bits((cells << 1 | cells) >> (2 * k));
+    }
+    points
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const LINEAR: Scale = Scale::Linear { factor: 1.0 };
 
     fn block(side: usize, seed: u64) -> Block {
         let value = |i: u64| (((i + 7) * seed) % 1009) as f32 / 100.0;
@@ -170,21 +271,62 @@ mod tests {
         Block { side, states: vec![1; values.len()], values }
     }
 
+    fn lattice(edge: usize, cells: impl Fn(usize, usize) -> u32) -> Lattice {
+        let mut lattice = Lattice::default();
+        lattice.begin(edge);
+        for at in 0..edge * edge {
+            lattice.push(cells(at % edge, at / edge));
+        }
+        lattice.end();
+        lattice
+    }
+
+    /// The interpolant of a block at a point in its own cells, counted from its first centre.
+    fn trilinear(block: &Block, at: [f64; 3]) -> f64 {
+        let first = at.map(|c| (c.floor() as usize).min(block.side - 2));
+        let part: [f64; 3] = std::array::from_fn(|a| at[a] - first[a] as f64);
+        (0..8).fold(0.0, |sum, corner| {
+            let [dx, dy, dz] = [corner & 1, corner >> 1 & 1, corner >> 2];
+            let weight = |part: f64, d: usize| if d == 1 { part } else { 1.0 - part };
+            let weight = weight(part[0], dx) * weight(part[1], dy) * weight(part[2], dz);
+            let at = block.at(first[0] + dx, first[1] + dy, first[2] + dz);
+            sum + weight * f64::from(block.values[at])
+        })
+    }
+
+    /// The largest difference at the 27 points of each cell that counts.
+    fn plainly(edge: usize, cells: impl Fn(usize, usize) -> u32, blocks: [&Block; 2]) -> f64 {
+        let mut most = 0.0_f64;
+        for at in 0..27 * edge.pow(3) {
+            let (cell, point) = (at / 27, [at % 3, at / 3 % 3, at / 9 % 3]);
+            let cell = [cell % edge, cell / edge % edge, cell / edge / edge];
+            if cells(cell[1], cell[2]) >> cell[0] & 1 == 1 {
+                let own = std::array::from_fn(|a| (cell[a] as f64) + 0.5 * (point[a] + 1) as f64);
+                let above = own.map(|c: f64| (c - 0.5) / 2.0 + 0.5);
+                let pair = [trilinear(blocks[0], own), trilinear(blocks[1], above)];
+                most = most.max((pair[0] - pair[1]).abs());
+            }
+        }
+        most
+    }
+
     #[test]
-    fn points_that_are_left_out_hold_no_extreme() {
-        for edge in [8, 16] {
-            for seed in [31, 77, 1003] {
+    fn the_largest_difference_is_that_of_all_points() {
+        let kinds: [fn(usize, usize) -> u32; 5] = [
+            |_, _| u32::MAX,
+            |y, z| if y < 3 || z > 5 { 0x00ff_0ff0 } else { 0 },
+            |y, z| (y as u32 * 0x9e37_79b9) ^ (z as u32 * 0x85eb_ca6b).rotate_left(7),
+            |y, z| if (y, z) == (5, 2) { 1 } else { 0 },
+            |y, z| if y == 7 && z == 7 { 0x8080_8080 } else { 0 },
+        ];
+        for edge in [8, 16, 32] {
+            for (kind, seed) in kinds.into_iter().zip([31, 77, 1003, 205, 58]) {
+                let cells = |y: usize, z: usize| kind(y, z) & (u32::MAX >> (32 - edge));
                 let (fine, coarse) = (block(edge + 2, seed), block(edge / 2 + 2, seed + 4));
-                let (mut few, mut all) = (Lattice::default(), Lattice::default());
-                few.count_all(edge);
-                all.count_none(edge);
-                for at in 0..edge.pow(3) {
-                    all.count([at % edge, at / edge % edge, at / edge / edge]);
-                }
-                let scale = |value| f64::from(value);
-                let [few, all] =
-                    [few, all].map(|mut lattice| lattice.difference(&fine, &coarse, &scale));
-                assert!((few - all).abs() <= 1e-12 * all && all > 1.0, "{edge}: {few} {all}");
+                let expected = plainly(edge, cells, [&fine, &coarse]);
+                let found = lattice(edge, cells).difference(&fine, &coarse, LINEAR);
+                assert!((found - expected).abs() <= 1e-12 * expected, "{edge}, {seed}");
+                assert!(expected > 1.0);
             }
         }
     }
@@ -193,14 +335,13 @@ mod tests {
     fn only_counted_cells_count() {
         let (fine, mut coarse) = (block(10, 0), block(6, 0));
         coarse.values[3 * 36 + 3 * 6 + 3] = 8.0;
-        let mut lattice = Lattice::default();
-        lattice.count_none(8);
-        let scale = |value| f64::from(value);
-        assert_eq!(lattice.difference(&fine, &coarse, &scale), 0.0);
-        lattice.count([0, 0, 0]);
-        assert_eq!(lattice.difference(&fine, &coarse, &scale), 0.0);
-        lattice.count([4, 4, 4]);
+        let one = |x: u32, at: usize| {
+            lattice(8, move |y, z| if y == at && z == at { 1 << x } else { 0 })
+                .difference(&fine, &coarse, LINEAR)
+        };
+        assert_eq!(lattice(8, |_, _| 0).difference(&fine, &coarse, LINEAR), 0.0);
+        assert_eq!(one(0, 0), 0.0);
         // A corner of this cell is the centre of the coarser cell that differs.
-        assert_eq!(lattice.difference(&fine, &coarse, &scale), 8.0);
+        assert_eq!(one(4, 4), 8.0);
     }
 }

@@ -6,7 +6,7 @@ const COUNT: usize = 8;
 
 /// Eight numbers in an array.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::render) struct Portable;
+pub(crate) struct Portable;
 
 #[inline(always)]
 fn each<T>(value: impl FnMut(usize) -> T) -> [T; COUNT] {

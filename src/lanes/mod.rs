@@ -2,7 +2,9 @@
 //! arrays, whichever the processor has.
 //!
 //! A kernel is a [`Kernel`]: a function generic over [`Lanes`]. Each lane is on its own: nothing a
-//! lane computes depends on the lanes beside it, so that how rays are grouped never shows.
+//! lane computes depends on the lanes beside it, so that how rays are grouped never shows. A kernel
+//! that is plain loops over slices leaves its lanes alone, and the compiler uses registers of
+//! their width.
 
 mod portable;
 #[cfg(target_arch = "x86_64")]
