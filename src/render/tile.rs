@@ -167,6 +167,9 @@ impl Tile {
                 }
                 let ray = step.frame.ray(plane);
                 let beam = accounts.then(|| {
+                    if !self.has_area {
+                        return Beam::alone(step.frame.depth);
+                    }
                     let covered = grid.covered(&step.footprint) / grid.weight(&self.squares[index]);
                     beam(&step.frame, &ray, half, covered)
                 });
