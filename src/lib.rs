@@ -13,6 +13,7 @@ pub mod error;
 pub mod image;
 pub mod ingest;
 mod lanes;
+mod log10;
 pub mod paging;
 pub mod render;
 pub mod scene;

@@ -64,6 +64,13 @@ const VALUE_ROUNDING: f64 = 3e-7;
 const LIGHT_ROUNDING: f64 = 4e-6;
 /// What is lost below the smallest f32, of values relative to the table's.
 const UNDERFLOW: f64 = f32::MIN_POSITIVE as f64;
+/// Where cells are constant: how far places of crossings may be off, cells per cell of the brick's
+/// edge. At an edge of 16 rounding of a ray's origin makes half of 2⁻²⁰, of the difference to a plane
+/// as much, of direction, inverse and product 3 · 2⁻²⁴ · 16, and of sums with it 2⁻²⁰: 4.8e-6.
+const CROSSING_ROUNDING: f32 = 3.2e-7;
+/// There, what a brick's sums are off by, relative: of transmittance and of light 2⁻²⁴ for each of up
+/// to 3 cells per cell of its edge, and of a cell's own transmittance as much as twenty times that.
+const SUM_ROUNDING: f32 = 6e-8;
 /// Groups are fit that are off by no more than this many times as much as all might be.
 const FITTING: f64 = 16.0;
 /// What is little against emission and extinction.
@@ -140,18 +147,9 @@ impl Grades {
         self.rates.extend((0..count).map(|n| grader.grade(relief.group(n))));
         self.fit = self.rates.iter().filter(|rate| **rate != UNFIT).count();
         let fit = self.rates.iter().enumerate().filter(|(_, rate)| **rate != UNFIT);
-        let storage = |n: usize| relief.group(n).span.slope.times(relief.group(n).storage);
-        self.storage = fit.fold(Change::default(), |most, (n, _)| most.max(storage(n)));
-        self.storages.clear();
-        if !transfer.is_little(self.storage) {
-            self.storages.extend((0..count).map(|n| pack(storage(n), &transfer.table)));
-            self.storage = Change::default();
-        }
-        self.levels.clear();
-        if hides {
-            let levels = (0..count).map(|n| pack(relief.group(n).levels, &transfer.table));
-            self.levels.extend(levels);
-        }
+        let storage = |group: &Group| group.span.slope.times(group.storage);
+        let most = fit.fold(Change::default(), |most, (n, _)| most.max(storage(relief.group(n))));
+        self.fill_causes((relief, hides), (most, storage), transfer);
         self.reliefs.clear();
         if has_squares {
             self.reliefs.extend((0..count).map(|n| row(relief.group(n))));
@@ -160,6 +158,56 @@ impl Grades {
             self.is_fit_for_wide = grader.smoothness_of(&relief.whole).is_some();
         }
     }
+
+    /// The same of a brick whose cells are constant and far from steps: there all groups are fit,
+    /// and their rates say the most that they emit and absorb.
+    pub(super) fn fill_cells(
+        &mut self,
+        (relief, hides): (&Relief, bool),
+        transfer: &PacketTransfer,
+    ) {
+        (self.parts, self.share) = (1, 1.0);
+        let most = |n: usize| pack(relief.group(n).span.most, &transfer.table);
+        self.rates.clear();
+        self.rates.extend((0..relief.count()).map(most));
+        self.fit = self.rates.len();
+        let storage = |group: &Group| {
+            let Group { low, high, storage, .. } = *group;
+            if low > high {
+                return Change::default();
+            }
+            transfer.close.all.over(low - storage, high + storage).slope.times(storage)
+        };
+        self.fill_causes((relief, hides), (storage(&relief.whole), storage), transfer);
+        self.reliefs.clear();
+    }
+
+    /// What storage changes, `most` in all groups together, and what lies beneath.
+    fn fill_causes(
+        &mut self,
+        (relief, hides): (&Relief, bool),
+        (most, storage): (Change, impl Fn(&Group) -> Change),
+        transfer: &PacketTransfer,
+    ) {
+        let groups = || (0..relief.count()).map(|n| relief.group(n));
+        self.storage = most;
+        self.storages.clear();
+        if !transfer.is_little(most) {
+            self.storages.extend(groups().map(|group| pack(storage(group), &transfer.table)));
+            self.storage = Change::default();
+        }
+        self.levels.clear();
+        if hides {
+            self.levels.extend(groups().map(|group| pack(group.levels, &transfer.table)));
+        }
+    }
+}
+
+/// Where cells are constant in a brick of `edge` cells: how far crossings may be off, cells, and by
+/// how much sums are, relative.
+pub(super) fn cell_roundings(edge: usize) -> [f32; 2] {
+    let edge = edge as f32;
+    [CROSSING_ROUNDING * edge, SUM_ROUNDING * (40.0 + 6.0 * edge)]
 }
 
 /// As [`super::packet::Ground::reliefs`] has it.

@@ -32,6 +32,25 @@ impl Region {
     }
 }
 
+/// The cells of a region, or its dual cells: lowest and highest along each axis.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CellRange {
+    pub(super) lo: [i32; 3],
+    pub(super) hi: [i32; 3],
+}
+
+/// Dual cell 0 begins so far before the brick.
+pub(super) const DUAL_SHIFT: f64 = 0.5;
+
+impl CellRange {
+    /// Of cells of which number 0 begins `shift` before the brick.
+    pub(super) fn of(region: &Region, shift: f64) -> Self {
+        let lo = region.lo.map(|x| (x + shift).floor() as i32);
+        let hi = std::array::from_fn(|a| ((region.hi[a] + shift).ceil() as i32 - 1).max(lo[a]));
+        Self { lo, hi }
+    }
+}
+
 const ALL_FACES: u8 = 0x3f;
 
 /// What all rays of a picture march by.
@@ -69,6 +88,13 @@ pub(super) struct Beam {
     pub(super) depth: f64,
     /// The part of the square that the brick covers, at most.
     pub(super) covered: f64,
+}
+
+impl Beam {
+    /// Of a ray that stands for itself, where depth is `depth` at σ = 0.
+    pub(super) fn alone(depth: f64) -> Self {
+        Self { spread: [0.0; 3], angle: 0.0, advance: [0.0; 3], depth, covered: 1.0 }
+    }
 }
 
 impl Passage<'_> {
@@ -139,8 +165,8 @@ pub(super) fn arrive(
     beam: &Beam,
     (state, error): (&RayState, &mut RayError),
 ) -> Spread {
-    if beam.spread == [0.0; 3] && beam.angle == 0.0 {
-        return ([0.0; 3], 0.0);
+    if beam.spread == [0.0; 3] {
+        return (beam.spread, beam.angle);
     }
     let depth = if ray.sigma_min.is_finite() {
         (beam.depth + farthest(ray, region, beam, span)).max(0.0)
@@ -149,9 +175,7 @@ pub(super) fn arrive(
     };
     let spread = (beam.spread.map(|spread| spread * depth), beam.angle);
     let mut ledger = Ledger::new(&passage.brick.relief, error, passage.hides, spread);
-    if ledger.is_spread() {
-        look_beside(&mut ledger, ray, region, beam, span, state);
-    }
+    look_beside(&mut ledger, ray, region, beam, span, state);
     spread
 }
 

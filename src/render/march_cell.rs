@@ -3,7 +3,7 @@
 use super::absorb::Integrator;
 use super::frame::LocalRay;
 use super::ledger::Ledger;
-use super::march::Region;
+use super::march::{CellRange, Region};
 use super::scaled::{ScaledBlock, ScaledBrick};
 use super::touch::Touch;
 use super::walk::Walk;
@@ -18,8 +18,7 @@ pub(super) fn march_cells(
     ledger: &mut Option<Ledger<'_>>,
 ) {
     let block = &brick.blocks[0];
-    let lo = region.lo.map(|x| x.floor() as i32);
-    let hi = std::array::from_fn(|a| (region.hi[a].ceil() as i32 - 1).max(lo[a]));
+    let CellRange { lo, hi } = CellRange::of(region, 0.0);
     let mut walk = Walk::new(ray, span, 0.0, lo, hi);
     if let Some(ledger) = ledger {
         return march_accounted(block, ray, &mut walk, integrator, ledger);

@@ -6,7 +6,7 @@ use super::blend::{Rung, march_mixed};
 use super::frame::LocalRay;
 use super::interpolant::DrawnNeighbours;
 use super::ledger::Ledger;
-use super::march::{Passage, Region};
+use super::march::{CellRange, DUAL_SHIFT, Passage, Region};
 use super::polynomial::Polynomial;
 use super::scaled::{ScaledBrick, dual};
 use super::touch::Touch;
@@ -21,8 +21,8 @@ pub(super) fn march_linear(
     integrator: &mut Integrator<'_>,
     ledger: &mut Option<Ledger<'_>>,
 ) {
-    let DualRange { lo, hi } = DualRange::of(region);
-    let mut walk = Walk::new(ray, span, 0.5, lo, hi);
+    let CellRange { lo, hi } = CellRange::of(region, DUAL_SHIFT);
+    let mut walk = Walk::new(ray, span, DUAL_SHIFT, lo, hi);
     let mut rungs = Vec::new();
     while let Some(step) = walk.next() {
         if integrator.is_faded() {
@@ -32,21 +32,6 @@ pub(super) fn march_linear(
     }
     if let Some(ledger) = ledger {
         ledger.close(integrator);
-    }
-}
-
-/// The dual cells of a region, lowest and highest along each axis.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct DualRange {
-    pub(super) lo: [i32; 3],
-    pub(super) hi: [i32; 3],
-}
-
-impl DualRange {
-    pub(super) fn of(region: &Region) -> Self {
-        let lo = region.lo.map(|x| (x + 0.5).floor() as i32);
-        let hi = std::array::from_fn(|a| ((region.hi[a] + 0.5).ceil() as i32 - 1).max(lo[a]));
-        Self { lo, hi }
     }
 }
 
@@ -72,7 +57,7 @@ pub(super) fn pass_dual_cell(
     if let Some(ledger) = ledger
         && ledger.is_spread()
     {
-        let touch = Touch::new(ray, step, 0.5, ledger.spread());
+        let touch = Touch::new(ray, step, DUAL_SHIFT, ledger.spread());
         let (touching, beyond) = if ledger.is_wide() {
             (1.0, [0.0; 3])
         } else {

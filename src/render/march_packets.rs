@@ -3,15 +3,17 @@
 
 use super::absorb::Integrator;
 use super::frame::LocalRay;
-use super::grade::{Care, Grades, PacketTransfer};
+use super::grade::{Care, Grades, PacketTransfer, cell_roundings};
 use super::interpolant::DrawnNeighbours;
 use super::lanes::{BYTE_PADDING, MOST_LANES, Width};
 use super::ledger::Ledger;
-use super::march::{Beam, Light, Passage, Region, Spread, arrive, leave, march};
-use super::march_linear::{DualRange, kind, pass_dual_cell};
+use super::march::{
+    Beam, CellRange, DUAL_SHIFT, Light, Passage, Region, Spread, arrive, leave, march,
+};
+use super::march_linear::{kind, pass_dual_cell};
 use super::packet::{Ground, MOST_PARENTS, March, Packet, Parents, SLACK, UNFIT};
 use super::ray_error::{Change, RayError, Sums};
-use super::ray_state::{Ending, RayState};
+use super::ray_state::RayState;
 use super::relief::GROUP_EDGE;
 use super::scaled::{ScaledBrick, dual};
 use super::walk::{Step, clip};
@@ -76,14 +78,19 @@ pub(super) struct Rays<'t> {
 struct Place<'p> {
     passage: &'p Passage<'p>,
     region: Region,
-    range: DualRange,
+    /// The cells that rays walk through, dual ones or not, and where they begin.
+    range: CellRange,
+    shift: f64,
     light: &'p Light<'p>,
     transfer: &'p PacketTransfer,
+    /// The brick's largest extinction, 1 / code length.
+    most: f64,
     /// What stored values change.
     storage: Change,
     /// What a cell may be off by, in the picture's own unit.
     allowed: f64,
-    /// Whether rays of squares wider than a cell may go in packets.
+    /// Whether rays stand for squares, and whether rays of squares wider than a cell may go in packets.
+    has_squares: bool,
     takes_wide: bool,
 }
 
@@ -131,11 +138,21 @@ impl Packets {
         let Passage { brick, drawn, hides, .. } = *passage;
         let Some(transfer) = &light.packets else { return false };
         if care == Care::Exact
-            || brick.is_piecewise_constant()
             || brick.relief.is_empty()
-            || brick.narrow[0].values.is_empty()
             || transfer.table.extinction * diagonal > THICKEST
         {
+            return false;
+        }
+        if brick.is_piecewise_constant() {
+            // More care is for single rays: there is nothing that packets could do better.
+            let is_fit = care == Care::Rough && !has_squares && !brick.shades.rows.is_empty();
+            if is_fit {
+                self.kinds.clear();
+                self.grades.fill_cells((&brick.relief, hides), transfer);
+            }
+            return is_fit;
+        }
+        if brick.narrow[0].values.is_empty() {
             return false;
         }
         self.grades.fill((&brick.relief, hides), (diagonal, care), has_squares, transfer);
@@ -164,24 +181,41 @@ impl Packets {
     ) -> u64 {
         let Some(transfer) = &light.packets else { return 0 };
         let region = passage.inside();
-        let range = DualRange::of(&region);
+        let are_constant = passage.brick.is_piecewise_constant();
+        let shift = if are_constant { 0.0 } else { DUAL_SHIFT };
+        let range = CellRange::of(&region, shift);
+        let whole = &passage.brick.relief.whole;
         let storage = self.grades.storage;
         let allowed = transfer.allowed.map_or(f64::INFINITY, |allowed| allowed * self.grades.share);
         let takes_wide = self.grades.is_fit_for_wide;
-        let place = Place { passage, region, range, light, transfer, storage, allowed, takes_wide };
+        let has_squares = !self.grades.reliefs.is_empty();
+        let place = Place {
+            passage,
+            region,
+            range,
+            shift,
+            light,
+            transfer,
+            most: whole.span.most.extinction,
+            storage,
+            allowed,
+            has_squares,
+            takes_wide,
+        };
         let cabin = &mut self.cabin;
         let mut single = cabin.board(&place, rays, film);
-        let whole = &passage.brick.relief.whole;
         let kinds = if self.kinds.is_empty() { &passage.brick.duals } else { &self.kinds };
         let ground = Ground {
             values: &passage.brick.narrow[0].values,
-            side: passage.brick.edge + 2,
+            side: passage.brick.edge + if are_constant { 0 } else { 2 },
             kinds,
             corners: &passage.brick.narrow[0].corners,
             parents: std::array::from_fn(|n| parents(passage.brick, n + 1)),
             parent_count: passage.brick.used.saturating_sub(1).min(MOST_PARENTS),
             lo: range.lo.map(|c| c as f32),
             hi: range.hi.map(|c| c as f32),
+            shades: &passage.brick.shades.rows,
+            roundings: cell_roundings(passage.brick.edge),
             rates: &self.grades.rates,
             levels: &self.grades.levels,
             storages: &self.grades.storages,
@@ -189,7 +223,11 @@ impl Packets {
             reach: self.grades.reach,
             groups: passage.brick.relief.side(),
             table: &transfer.table,
-            kinks: transfer.table.bends.between(whole.low, whole.high),
+            kinks: if are_constant {
+                [[0.0; 4]; 2]
+            } else {
+                transfer.table.bends.between(whole.low, whole.high)
+            },
             parts: self.grades.parts,
             darkening: transfer.darkening(),
         };
@@ -200,6 +238,7 @@ impl Packets {
             for lane in lanes(cabin.packet.active) {
                 if ground.fit(cabin.packet.cell(lane)).is_none() {
                     cabin.settle(&place, lane, film);
+                    cabin.clear(&place, lane, film);
                     single += cabin.pass_alone(&place, &ground, lane, film);
                 }
             }
@@ -243,22 +282,13 @@ impl Cabin {
             let Some(span) = span else { continue };
             let lane = self.riders.len();
             let unit = ray.direction.abs().max_element().recip();
-            let origin = ray.origin + ray.direction * span.0 + 0.5;
-            let direction = ray.direction * unit;
-            for a in 0..3 {
-                packet.origin[a].0[lane] = origin[a] as f32;
-                packet.direction[a].0[lane] = direction[a] as f32;
-                let cell = (origin[a].floor() as i32).clamp(place.range.lo[a], place.range.hi[a]);
-                packet.cell[a].0[lane] = cell as f32;
-            }
-            packet.t.0[lane] = 0.0;
-            packet.end.0[lane] = ((span.1 - span.0) / unit) as f32;
+            set_off(packet, lane, place, (&ray, span, unit));
             let length = ray.length * unit;
             packet.thickness.0[lane] = (length * place.transfer.table.extinction) as f32;
             let seen = state.transmittance * length;
             let allowed = place.allowed / (seen * place.transfer.table.emission);
             packet.allowed.0[lane] = allowed.min(f64::from(f32::MAX)) as f32;
-            packet.fade.0[lane] = fade(state, &place.light.ending);
+            packet.fade.0[lane] = fade(state, place, (&ray, span));
             packet.active |= 1 << lane;
             for a in 0..3 {
                 packet.spread[a].0[lane] =
@@ -282,6 +312,10 @@ impl Cabin {
     /// Marches the rays that have come to plain cells, or to blended ones, as far as they go.
     fn go(&mut self, ground: &Ground<'_>, width: Width, blended: bool) {
         let all = self.packet.active;
+        if !ground.shades.is_empty() && all != 0 {
+            // All cells are fit, and none is blended.
+            return width.run(March { ground, packet: &mut self.packet, blended });
+        }
         let ready = lanes(all)
             .filter(|lane| ground.fit(self.packet.cell(*lane)) == Some(blended))
             .fold(0, |ready, lane| ready | 1 << lane);
@@ -294,8 +328,8 @@ impl Cabin {
     }
 
     /// Gives a lane's sums to its ray.
-    fn settle(&mut self, place: &Place<'_>, lane: usize, film: &mut Rays<'_>) {
-        let (packet, rider) = (&mut self.packet, &mut self.riders[lane]);
+    fn settle(&self, place: &Place<'_>, lane: usize, film: &mut Rays<'_>) {
+        let (packet, rider) = (&self.packet, &self.riders[lane]);
         let table = &place.transfer.table;
         let length = rider.ray.length * rider.unit;
         let state = &mut film.states[rider.index];
@@ -311,9 +345,13 @@ impl Cabin {
             };
             let march = sums(packet.off.each_ref().map(sum));
             error.march = error.march.plus(march);
-            error.levels = error.levels.plus(sums(packet.levels.each_ref().map(sum)));
-            error.farthest = error.farthest.plus(sums(packet.farthest.each_ref().map(sum)));
-            error.uneven = error.uneven.plus(sums(packet.uneven.each_ref().map(sum)));
+            if place.passage.hides {
+                error.levels = error.levels.plus(sums(packet.levels.each_ref().map(sum)));
+            }
+            if place.has_squares {
+                error.farthest = error.farthest.plus(sums(packet.farthest.each_ref().map(sum)));
+                error.uneven = error.uneven.plus(sums(packet.uneven.each_ref().map(sum)));
+            }
             let way = (t - rider.since) * length * ROUNDED_UP;
             let lit = sum(&packet.lit) * seen * ROUNDED_UP;
             let stored = sums(packet.stored.each_ref().map(sum));
@@ -322,8 +360,14 @@ impl Cabin {
         let light = packet.light.each_ref().map(|row| sum(row) * seen * table.emission);
         state.gather(light);
         state.absorb(sum(&packet.depth).max(0.0));
-        packet.fade.0[lane] = fade(state, &place.light.ending);
-        rider.since = t;
+    }
+
+    /// A lane whose sums were given to its ray begins anew.
+    fn clear(&mut self, place: &Place<'_>, lane: usize, film: &Rays<'_>) {
+        let (packet, rider) = (&mut self.packet, &mut self.riders[lane]);
+        let state = &film.states[rider.index];
+        packet.fade.0[lane] = fade(state, place, (&rider.ray, rider.span));
+        rider.since = f64::from(packet.t.0[lane]);
         packet.clear_lane(lane);
     }
 
@@ -385,10 +429,44 @@ impl Cabin {
     }
 }
 
-/// Optical depth behind which a ray may end, whatever it has gathered.
-fn fade(state: &RayState, ending: &Ending) -> f32 {
+/// Sets a lane to where a ray comes into a brick, which it passes over `span` of σ, and to its
+/// direction.
+fn set_off(
+    packet: &mut Packet,
+    lane: usize,
+    place: &Place<'_>,
+    (ray, span, unit): (&LocalRay, (f64, f64), f64),
+) {
+    let [origin, end] =
+        [span.0, span.1].map(|sigma| ray.origin + ray.direction * sigma + place.shift);
+    let direction = ray.direction * unit;
+    for a in 0..3 {
+        let cell = (origin[a] as i32).clamp(place.range.lo[a], place.range.hi[a]);
+        // Between two planes a ray through constant cells is as good as one in the middle.
+        let is_between = place.shift == 0.0 && origin[a] as i32 == end[a] as i32;
+        let middle = f64::from(cell) + 0.5;
+        let (from, along) = if is_between { (middle, 0.0) } else { (origin[a], direction[a]) };
+        packet.origin[a].0[lane] = from as f32;
+        packet.direction[a].0[lane] = along as f32;
+        packet.cell[a].0[lane] = cell as f32;
+    }
+    packet.t.0[lane] = 0.0;
+    packet.end.0[lane] = ((span.1 - span.0) / unit) as f32;
+}
+
+/// Optical depth behind which a ray may end that goes through `span` of a brick, whatever it has
+/// gathered.
+fn fade(state: &RayState, place: &Place<'_>, (ray, span): (&LocalRay, (f64, f64))) -> f32 {
+    let ending = &place.light.ending;
     let least = ending.allowed / ending.brightest.max(1.0);
-    let depth = (state.transmittance / least).ln().max(0.0);
+    let ratio = state.transmittance / least;
+    // Where the brick is not as deep as that, how deep it would be need not be known.
+    let deepest = place.most * (span.1 - span.0) * ray.length * ROUNDED_UP;
+    let halvings = (ratio.to_bits() >> 52) as f64 - 1023.0;
+    if halvings * std::f64::consts::LN_2 >= deepest {
+        return f32::MAX;
+    }
+    let depth = ratio.ln().max(0.0);
     // Rounding of f32 must not end a ray that then would go on.
     let depth = depth * ROUNDED_UP + (ROUNDED_UP - 1.0);
     if depth.is_nan() { f32::MAX } else { depth.min(f64::from(f32::MAX)) as f32 }
@@ -429,17 +507,17 @@ impl Ground<'_> {
     }
 }
 
-/// The walk of one ray from the cell on that its lane has reached.
+/// The walk of one ray from the dual cell on that its lane has reached.
 struct CellWalk<'r> {
     rider: &'r LocalRay,
-    range: &'r DualRange,
+    range: &'r CellRange,
     cell: [i32; 3],
     from: f64,
     end: f64,
 }
 
 impl<'r> CellWalk<'r> {
-    fn new(rider: &'r Rider, range: &'r DualRange, packet: &Packet, lane: usize) -> Self {
+    fn new(rider: &'r Rider, range: &'r CellRange, packet: &Packet, lane: usize) -> Self {
         let reached = f64::from(packet.t.0[lane]);
         Self {
             rider: &rider.ray,
@@ -456,7 +534,7 @@ impl<'r> CellWalk<'r> {
         let (mut to, mut axis) = (self.end, None);
         for a in 0..3 {
             let ahead = self.cell[a] + i32::from(direction[a] > 0.0);
-            let sigma = (f64::from(ahead) - origin[a] - 0.5) / direction[a];
+            let sigma = (f64::from(ahead) - origin[a] - DUAL_SHIFT) / direction[a];
             // Along an axis without motion this is no number, or infinite.
             if direction[a] != 0.0 && sigma < to {
                 (to, axis) = (sigma, Some(a));

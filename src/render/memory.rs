@@ -10,6 +10,7 @@ use super::tile::Tile;
 use crate::cache::{BrickShape, Cache, Cursor, WINDOW_BYTES};
 use crate::image::Film;
 use crate::paging::{Budget, Counters, MEBIBYTE, Pool, Reservation};
+use crate::scene::Interpolation;
 use crate::{Error, Result};
 
 /// Stack of every thread, bytes; [`STACK_TOUCHED`] of it at most become resident.
@@ -66,19 +67,19 @@ struct Demand {
 }
 
 /// Bytes that a brick of `shape` with `blocks` blocks takes while it is loaded.
-pub fn loaded_bytes(shape: BrickShape, blocks: usize) -> u64 {
+pub fn loaded_bytes(shape: BrickShape, blocks: usize, interpolation: Interpolation) -> u64 {
     let overhead = Pool::<BrickLoader<'_>>::slot_overhead() + size_of::<ScaledBrick>() as u64;
-    ScaledBrick::bytes(shape, blocks) + overhead
+    ScaledBrick::bytes(shape, blocks, interpolation) + overhead
 }
 
 impl MemoryPlan {
-    /// The plan of a picture of `pixels` from `cache` on `threads` threads within the limit of
-    /// `options`.
+    /// The plan of a picture of `pixels` from `cache` under `interpolation`, on `threads` threads
+    /// within the limit of `options`.
     ///
     /// # Errors
     /// A limit that is too small: the message names the smallest that works, in MiB.
     pub fn new(
-        cache: &Cache,
+        (cache, interpolation): (&Cache, Interpolation),
         pixels: &PixelGrid,
         threads: usize,
         options: &RenderOptions<'_>,
@@ -98,7 +99,7 @@ impl MemoryPlan {
                 index_windows: index_bytes.div_ceil(WINDOW_BYTES),
                 page_table: header.index_pages.saturating_mul(8),
                 scratch: BrickScratch::bytes(cache),
-                slot: loaded_bytes(header.shape, blocks),
+                slot: loaded_bytes(header.shape, blocks, interpolation),
                 resident: options.resident,
             },
             options.memory,

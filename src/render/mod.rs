@@ -11,6 +11,9 @@
 mod absorb;
 mod axis;
 mod blend;
+#[cfg(test)]
+mod cell_packet_tests;
+mod cell_shades;
 pub mod census;
 mod crossing;
 pub mod cut;
@@ -152,7 +155,7 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     let by_hand = |fixed: FixedSetting| Samples::Grid(fixed.rays_per_axis);
     let samples = options.fixed.map_or(scene.render.samples, by_hand);
     let pixels = PixelGrid::new(&view, samples);
-    let plan = MemoryPlan::new(cache, &pixels, threads, options)?;
+    let plan = MemoryPlan::new((cache, shading.interpolation), &pixels, threads, options)?;
     let reserved = plan.reserve(&Budget::new(options.memory))?;
     cache.set_index_windows(plan.windows);
     let counters = Counters::new(header.nodes(), header.levels.len());

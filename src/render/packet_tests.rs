@@ -20,13 +20,13 @@ use super::transfer_pieces::TransferPieces;
 use super::transfer_table::TransferTable;
 use crate::scene::{Interpolation, Rounding, TransferFunction};
 
-const EDGE: u32 = 8;
+pub(super) const EDGE: u32 = 8;
 /// Width of cells, code length.
-const WIDTH: f64 = 0.1;
+pub(super) const WIDTH: f64 = 0.1;
 /// Longer than any way through a brick.
-const LONGEST: f64 = 30.0 * WIDTH;
+pub(super) const LONGEST: f64 = 30.0 * WIDTH;
 
-fn surveyed(
+pub(super) fn surveyed(
     data: &TestData,
     (level, at): (u32, [i128; 3]),
     pieces: &TransferPieces,
@@ -38,26 +38,22 @@ fn surveyed(
     brick
 }
 
-/// Of a ray that stands for itself alone.
-const ALONE: Beam =
-    Beam { spread: [0.0; 3], angle: 0.0, advance: [0.0; 3], depth: 0.0, covered: 1.0 };
-
 /// What packets, or single rays, find of `rays`.
-struct Found {
-    states: Vec<RayState>,
-    errors: Vec<RayError>,
-    samples: u64,
-    is_fit: bool,
+pub(super) struct Found {
+    pub(super) states: Vec<RayState>,
+    pub(super) errors: Vec<RayError>,
+    pub(super) samples: u64,
+    pub(super) is_fit: bool,
 }
 
-struct Setting<'s> {
-    passage: Passage<'s>,
+pub(super) struct Setting<'s> {
+    pub(super) passage: Passage<'s>,
     exact: &'s TransferPieces,
-    light: Light<'s>,
+    pub(super) light: Light<'s>,
 }
 
 impl<'s> Setting<'s> {
-    fn new(
+    pub(super) fn new(
         brick: &'s ScaledBrick,
         drawn: DrawnNeighbours,
         exact: &'s TransferPieces,
@@ -81,7 +77,7 @@ impl<'s> Setting<'s> {
         states
     }
 
-    fn together(&self, rays: &[LocalRay], width: Width, care: Care) -> Found {
+    pub(super) fn together(&self, rays: &[LocalRay], width: Width, care: Care) -> Found {
         let mut packets = Packets::of(width);
         let mut states = vec![RayState::default(); rays.len()];
         let mut errors = vec![RayError::default(); rays.len()];
@@ -91,7 +87,8 @@ impl<'s> Setting<'s> {
         let numbers: Vec<_> = (0..rays.len()).collect();
         for numbers in numbers.chunks(packets.count()).filter(|_| is_fit) {
             let mut film = Rays { states: &mut states, errors: &mut errors };
-            let passenger = |n: &usize| Passenger { index: *n, ray: rays[*n], beam: Some(ALONE) };
+            let passenger =
+                |n: &usize| Passenger { index: *n, ray: rays[*n], beam: Some(Beam::alone(0.0)) };
             let rays: Vec<_> = numbers.iter().map(passenger).collect();
             samples += packets.march(&self.passage, &self.light, &rays, &mut film);
         }
@@ -100,7 +97,11 @@ impl<'s> Setting<'s> {
 
     /// Checks that rays are off by no more than their accounts say; returns the largest difference
     /// and the largest bound.
-    fn check(&self, rays: &[LocalRay], found: &Found) -> Result<[f64; 2], TestCaseError> {
+    pub(super) fn check(
+        &self,
+        rays: &[LocalRay],
+        found: &Found,
+    ) -> Result<[f64; 2], TestCaseError> {
         let mut largest = [0.0_f64; 2];
         let brightest = self.exact.brightest().min(LONGEST * self.exact.largest_emission());
         for ((state, error), exact) in found.states.iter().zip(&found.errors).zip(self.alone(rays))
@@ -118,7 +119,7 @@ impl<'s> Setting<'s> {
 }
 
 /// Rays through a point of the brick.
-fn rays() -> impl Strategy<Value = Vec<LocalRay>> {
+pub(super) fn rays() -> impl Strategy<Value = Vec<LocalRay>> {
     let through = prop::array::uniform3(0.0..f64::from(EDGE));
     let towards = prop::array::uniform3(prop_oneof![4 => -1.0..1.0_f64, 1 => Just(0.0)]);
     let ray = (through, towards).prop_filter_map("no direction", |(at, to)| {
@@ -133,7 +134,7 @@ fn rays() -> impl Strategy<Value = Vec<LocalRay>> {
     prop::collection::vec(ray, 1..20)
 }
 
-fn glowing() -> TransferFunction {
+pub(super) fn glowing() -> TransferFunction {
     transfer(&[(0.0, 0.0)], &[(0.0, 0.0), (0.4, 0.2), (1.0, 2.0)])
 }
 

@@ -1,5 +1,6 @@
 //! A brick made ready to march through: mapped values, ghosts and holes filled.
 
+use super::cell_shades::CellShades;
 use super::fill::{Above, fill_holes, fill_outside};
 use super::lanes::BYTE_PADDING;
 use super::packet::MOST_PARENTS;
@@ -151,6 +152,8 @@ pub struct ScaledBrick {
     /// The blocks as packets of rays see them: the own one, and the others where there are
     /// borders; none for `cell`.
     pub(super) narrow: [NarrowBlock; 1 + MOST_PARENTS],
+    /// For `cell`, what packets of rays see; empty where no one asks.
+    pub(super) shades: CellShades,
     /// How far values differ near any place; empty where no one asks.
     pub(super) relief: Relief,
     /// Whether `prepare` was asked for `cell`.
@@ -164,13 +167,20 @@ impl ScaledBrick {
     }
 
     /// Most heap bytes that a brick of `shape` with `blocks` blocks takes.
-    pub fn bytes(shape: BrickShape, blocks: usize) -> u64 {
+    pub fn bytes(shape: BrickShape, blocks: usize, interpolation: Interpolation) -> u64 {
         let heads = blocks.max(4).next_power_of_two() * size_of::<ScaledBlock>();
-        let duals = (shape.edge() + 1).pow(3) + BYTE_PADDING;
-        let narrow = blocks.min(1 + MOST_PARENTS);
-        let narrow = (1 + size_of::<f32>()) * shape.cells_in_blocks(narrow) + BYTE_PADDING * narrow;
-        let values = (9 * shape.cells_in_blocks(blocks) + duals + narrow + heads) as u64;
-        values + Relief::bytes(shape.edge())
+        let values = match interpolation {
+            Interpolation::Cell => {
+                size_of::<f64>() * shape.cells_in_blocks(1) + CellShades::bytes(shape.edge())
+            }
+            Interpolation::Linear => {
+                let duals = (shape.edge() + 1).pow(3) + BYTE_PADDING;
+                let narrow = blocks.min(1 + MOST_PARENTS);
+                let of_narrow = (1 + size_of::<f32>()) * shape.cells_in_blocks(narrow);
+                9 * shape.cells_in_blocks(blocks) + duals + of_narrow + BYTE_PADDING * narrow
+            }
+        };
+        (values + heads) as u64 + Relief::bytes(shape.edge())
     }
 
     /// Fills the brick from `raw`, the payload of the brick at `place`; `mapping` takes stored
@@ -191,6 +201,7 @@ impl ScaledBrick {
         self.edge_bits = self.edge.trailing_zeros();
         self.is_piecewise_constant = interpolation == Interpolation::Cell;
         self.duals.clear();
+        self.shades.clear();
         self.relief.clear();
         self.narrow.iter_mut().for_each(NarrowBlock::clear);
         match interpolation {
@@ -200,7 +211,8 @@ impl ScaledBrick {
         Ok(())
     }
 
-    /// Finds out how far values differ near any place of the brick, which is prepared.
+    /// Finds out how far values differ near any place of the brick, which is prepared, and what
+    /// cells of constant value look like to packets.
     pub(super) fn survey(
         &mut self,
         pieces: &PieceList,
@@ -209,6 +221,9 @@ impl ScaledBrick {
     ) {
         let mut relief = std::mem::take(&mut self.relief);
         relief.fill(self, pieces, distance, surveyor);
+        if self.is_piecewise_constant {
+            self.shades.fill(&self.blocks[0], pieces, relief.whole.storage);
+        }
         self.relief = relief;
     }
 

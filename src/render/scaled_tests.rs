@@ -91,7 +91,7 @@ fn a_brick_used_again_forgets_and_stays_within_its_bytes() {
             let used: usize = fresh.blocks.iter().map(block).sum::<usize>()
                 + fresh.duals.capacity()
                 + fresh.blocks.capacity() * size_of::<super::scaled::ScaledBlock>();
-            assert!(used as u64 <= ScaledBrick::bytes(shape, raw.blocks.len()), "{used}");
+            assert!(used as u64 <= ScaledBrick::bytes(shape, raw.blocks.len(), mode), "{used}");
         }
     }
 }

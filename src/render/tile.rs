@@ -168,6 +168,9 @@ impl Tile {
                 }
                 let ray = step.frame.ray(plane);
                 let beam = accounts.then(|| {
+                    if !self.has_area {
+                        return Beam::alone(step.frame.depth);
+                    }
                     let share = covered / grid.weight(&self.squares[index]);
                     beam(&step.frame, &ray, half, share)
                 });
@@ -229,11 +232,6 @@ pub(super) fn meets(footprint: &Footprint, plane: DVec2, half: DVec2) -> bool {
 pub(super) fn beam(frame: &Frame, ray: &LocalRay, half: DVec2, covered: f64) -> Beam {
     let width = frame.cell_width;
     let direction = ray.direction * width / ray.length;
-    if half == DVec2::ZERO {
-        // A ray for itself.
-        let advance = (direction.abs() * width).to_array();
-        return Beam { spread: [0.0; 3], angle: 0.0, advance, depth: frame.depth, covered };
-    }
     let across = |axis: DVec3| axis - direction * direction.dot(axis);
     let spread = across(frame.basis.right).abs() * half.x + across(frame.basis.up).abs() * half.y;
     let angle = if frame.is_perspective { half.length() / ray.length } else { 0.0 };

@@ -113,6 +113,14 @@ impl PieceList {
         smoothness
     }
 
+    /// What packets take emission and extinction relative to: the largest of each, or 1 where that
+    /// is nothing.
+    pub(super) fn scales(&self) -> [f64; 2] {
+        let most = self.over(0.0, 1.0).most;
+        let relative_to = |most: f64| if most > 0.0 && most.is_finite() { most } else { 1.0 };
+        [relative_to(most.emission), relative_to(most.extinction)]
+    }
+
     /// Number of pieces.
     pub(super) fn count(&self) -> usize {
         self.pieces.len()

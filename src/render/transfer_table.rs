@@ -119,9 +119,7 @@ impl TransferTable {
 
     /// Of `pieces`, without anything left out, and `merged`, by which bends are bounded.
     pub(super) fn new(pieces: &PieceList, merged: &PieceList) -> Self {
-        let span = pieces.over(0.0, 1.0);
-        let relative_to = |most: f64| if most > 0.0 && most.is_finite() { most } else { 1.0 };
-        let scales = [relative_to(span.most.emission), relative_to(span.most.extinction)];
+        let (span, scales) = (pieces.over(0.0, 1.0), pieces.scales());
         let mut table = Self {
             corners: Vec::with_capacity(BINS + 1),
             lines: Vec::with_capacity(2 * (BINS + 1)),

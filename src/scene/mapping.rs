@@ -1,6 +1,6 @@
 //! From a field's value to the transfer function's x.
 
-use super::log10::log10;
+use crate::log10::log10;
 use crate::{Error, Result};
 
 /// [`Mapping::unclamped`] saturates at ± this, so that what is interpolated stays finite, in f32

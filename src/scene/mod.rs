@@ -8,7 +8,6 @@ mod camera;
 mod colormap;
 mod entry;
 mod file;
-mod log10;
 mod mapping;
 mod piecewise;
 mod render;

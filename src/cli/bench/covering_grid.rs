@@ -18,7 +18,7 @@ use crate::cli::progress::Bar;
 use crate::image::Film;
 use crate::ingest::{self, Options, Progress, in_pool};
 use crate::render::memory::loaded_bytes;
-use crate::scene::{Samples, Scene};
+use crate::scene::{Interpolation, Samples, Scene};
 use crate::space::Domain;
 use crate::{Error, Result};
 
@@ -169,7 +169,10 @@ fn resident_bytes(domain: &Domain, octree: i32) -> u128 {
         along = along.map(|bricks| bricks.div_ceil(2));
         bricks = bricks.saturating_add(count(along));
     }
-    let each = BrickShape::new(EDGE).map_or(0, |shape| loaded_bytes(shape, BLOCKS));
+    let each = [Interpolation::Cell, Interpolation::Linear].map(|interpolation| {
+        BrickShape::new(EDGE).map_or(0, |shape| loaded_bytes(shape, BLOCKS, interpolation))
+    });
+    let each = each[0].max(each[1]);
     bricks.saturating_mul(each.into())
 }
 

@@ -6,7 +6,7 @@
 //! is cut where the weight of its level bends ([`blended`]). What that may be off by is graded
 //! per group of cells ([`crate::render::grade`]); rays stop before cells that are not fit for it. All
 //! numbers are the brick's own, near 1: lengths in cells, light relative to the transfer
-//! function's largest.
+//! function's largest. Where cells are constant, rays walk through the cells themselves ([`cells`]).
 //!
 //! No closures here, nor what takes them: they are functions of their own, compiled without the
 //! lanes' instructions.
@@ -14,6 +14,7 @@
 
 mod bends;
 mod blended;
+mod cells;
 mod cube;
 mod rows;
 mod square;
@@ -55,8 +56,16 @@ pub(super) struct Ground<'g> {
     /// Lowest and highest dual cell that is drawn.
     pub(super) lo: [f32; 3],
     pub(super) hi: [f32; 3],
+    /// What constant cells emit (R, G, B) and absorb, x fastest, relative to the table's; then `side`
+    /// is the brick's edge, cells take the place of dual cells, and there are neither values nor
+    /// kinds. Else empty.
+    pub(super) shades: &'g [[f32; 4]],
+    /// Where cells are constant: how far crossings may be off, cells, and what sums are off by,
+    /// relative.
+    pub(super) roundings: [f32; 2],
     /// For each group of cells what emission (upper half of the bits, relative to the table's) and
-    /// extinction (lower half) may be off by; [`UNFIT`] where that is too much.
+    /// extinction (lower half) may be off by; [`UNFIT`] where that is too much. Where cells are
+    /// constant, the most that they are.
     pub(super) rates: &'g [u32],
     /// The same of what lies beneath the brick; empty where nothing does.
     pub(super) levels: &'g [u32],
@@ -189,6 +198,13 @@ impl Kernel for March<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
         let absorbs = self.ground.table.extinction > 0.0;
+        if !self.ground.shades.is_empty() {
+            return if absorbs {
+                cells::march::<L, true>(lanes, self.ground, self.packet);
+            } else {
+                cells::march::<L, false>(lanes, self.ground, self.packet);
+            };
+        }
         match (absorbs, self.blended) {
             (true, true) => march::<L, true, true>(lanes, self.ground, self.packet),
             (true, false) => march::<L, true, false>(lanes, self.ground, self.packet),
@@ -231,7 +247,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
             break;
         }
         let cube = Cube::new(l, (ground.values, ground.side), walk.index(side));
-        let (next, axes) = walk.exit();
+        let (next, axes) = walk.exit(walk.planes());
         let way = l.select(active, l.sub(next, walk.t), zero);
         let way = l.max(way, zero);
         // The rates of lanes that are not active may be no numbers.

@@ -19,12 +19,12 @@ const FINER: u32 = 4;
 /// Optical depth of a part, at most.
 pub(in crate::render) const DEEPEST: f32 = 1.0;
 /// Depths from which on no f32 shows light.
-const DARK: f32 = 80.0;
+pub(super) const DARK: f32 = 80.0;
 
 /// What rays have gathered.
 #[derive(Clone, Copy)]
 pub(super) struct Sums<L: Lanes> {
-    light: [L::Float; 3],
+    pub(super) light: [L::Float; 3],
     pub(super) depth: L::Float,
     pub(super) lit: L::Float,
     pub(super) off: [L::Float; 3],
@@ -245,7 +245,7 @@ fn shade<L: Lanes, const ABSORBS: bool>(l: L, table: &TransferTable, x: L::Float
 
 /// e^−depth for depths from 0 on, to 3e-7; at most e^−[`DARK`] is nothing.
 #[inline(always)]
-fn through<L: Lanes>(l: L, depth: L::Float) -> L::Float {
+pub(super) fn through<L: Lanes>(l: L, depth: L::Float) -> L::Float {
     // 2^f over [0, 1), minimax, to 2e-7.
     const TERMS: [f32; 6] =
         [1.877_576_7e-3, 8.989_34e-3, 5.582_631_8e-2, 2.401_536_1e-1, 6.931_531e-1, 9.999_999_4e-1];

@@ -11,13 +11,15 @@ pub(super) struct Walk<L: Lanes> {
     l: L,
     pub(super) origin: [L::Float; 3],
     pub(super) direction: [L::Float; 3],
-    inverse: [L::Float; 3],
+    pub(super) inverse: [L::Float; 3],
     /// 1 where the plane ahead of a cell is its upper one, and ±1 as the next cell's number is
     /// larger or smaller.
     ahead: [L::Float; 3],
     sign: [L::Float; 3],
     lo: [L::Float; 3],
     hi: [L::Float; 3],
+    /// The last cell on the way, times its sign.
+    last: [L::Float; 3],
     pub(super) cell: [L::Float; 3],
     pub(super) t: L::Float,
     pub(super) end: L::Float,
@@ -39,6 +41,7 @@ impl<L: Lanes> Walk<L> {
             sign: [zero; 3],
             lo: [zero; 3],
             hi: [zero; 3],
+            last: [zero; 3],
             cell: load(l, &packet.cell),
             t: l.load(&packet.t),
             end: l.load(&packet.end),
@@ -52,6 +55,8 @@ impl<L: Lanes> Walk<L> {
             let far = l.splat(LEAST_MOTION.recip());
             walk.inverse[a] = l.select(falls, inverse, l.select(rises, inverse, far));
             (walk.lo[a], walk.hi[a]) = (l.splat(ground.lo[a]), l.splat(ground.hi[a]));
+            let last = l.select(falls, walk.lo[a], walk.hi[a]);
+            walk.last[a] = l.mul(last, walk.sign[a]);
         }
         walk
     }
@@ -102,16 +107,35 @@ impl<L: Lanes> Walk<L> {
         l.index(l.fma(l.fma(z, side, y), side, x))
     }
 
-    /// t where the ray leaves the cell, or the brick, and along which axis.
+    /// t where the ray crosses the planes ahead of the cell.
     #[inline(always)]
-    pub(super) fn exit(&self) -> (L::Float, [L::Mask; 3]) {
+    pub(super) fn planes(&self) -> [L::Float; 3] {
         let l = self.l;
         let mut planes = self.cell;
         for a in 0..3 {
             let ahead = l.sub(l.add(planes[a], self.ahead[a]), self.origin[a]);
             planes[a] = l.mul(ahead, self.inverse[a]);
         }
-        let [x, y, z] = planes;
+        planes
+    }
+
+    /// The same, but far off where there is no cell behind.
+    #[inline(always)]
+    pub(super) fn inner_planes(&self) -> [L::Float; 3] {
+        let l = self.l;
+        let mut planes = self.planes();
+        for a in 0..3 {
+            let is_last = l.is_at_most(self.last[a], l.mul(self.cell[a], self.sign[a]));
+            planes[a] = l.select(is_last, l.splat(f32::MAX), planes[a]);
+        }
+        planes
+    }
+
+    /// t where the ray leaves the cell, whose planes ahead are `planes`, or the brick, and along
+    /// which axis.
+    #[inline(always)]
+    pub(super) fn exit(&self, [x, y, z]: [L::Float; 3]) -> (L::Float, [L::Mask; 3]) {
+        let l = self.l;
         let yz = l.min(y, z);
         let along_x = l.is_at_most(x, yz);
         let along_y = l.without(l.is_at_most(y, z), along_x);

@@ -18,7 +18,7 @@ const TERMS: usize = 11;
 /// log10 x within 3e-16 of the larger of it and 1, as [`f64::log10`] has it for 0, infinity and
 /// what has none.
 #[inline(always)]
-pub(super) fn log10(x: f64) -> f64 {
+pub(crate) fn log10(x: f64) -> f64 {
     let (lifted, lift) =
         if x < f64::MIN_POSITIVE { (x * LIFT, 1023.0 + 54.0) } else { (x, 1023.0) };
     // x = m·2ⁿ with m from √½ to √2.

@@ -1,0 +1,189 @@
+//! Rays in cells of constant value: the closed form of each, in f32.
+//!
+//! What that is off by, beside rounding of sums: rays cross planes a little earlier or later than in
+//! f32. Let a ray go from cell A to cell B, and be certain to be in A before and in B after. Moving
+//! the crossing by s changes what it gathers by s·T·[(j_A − κ_A·L) − (j_B − κ_B·L)], where T is the
+//! transmittance up to the crossing and L the light from behind it. T is that behind A, but for
+//! e^(κ_A·s). And from dL/ds = κ·L − j, j_B − κ_B·L is what it is at B's far end, times the
+//! transmittance of B. So a crossing costs each of both cells no more than its own emission and
+//! absorption over s, times the transmittance *behind* it: little where a cell is opaque. Where
+//! crossings are so close to each other that their order is not certain, the ray may be in other
+//! cells beside: there all that the group may emit and absorb counts, over all of the way in doubt,
+//! with the transmittance in front.
+#![allow(clippy::needless_range_loop)]
+
+use super::rows::is_less;
+use super::sums::{DARK, Sums, through};
+use super::walk::Walk;
+use super::{Ground, Packet, add_off, rates_at};
+use crate::render::lanes::Lanes;
+
+/// Optical depths up to this are summed as series, to 5e-8.
+const THIN: f32 = 0.25;
+/// Emission and extinction lost below the smallest f32, over all of a brick.
+const LOST: [f32; 2] = [1e-35, 1e-43];
+/// In a crossing's own formula it may be off by this share of the way through either cell.
+const CLOSEST: f32 = 0.05;
+
+/// As [`super::March`] has it.
+#[inline(always)]
+pub(super) fn march<L: Lanes, const ABSORBS: bool>(l: L, ground: &Ground<'_>, packet: &mut Packet) {
+    let mut walk = Walk::new(l, ground, packet);
+    let mut sums = Sums::load(l, packet);
+    let mut doubts = Doubts::new(l, ground, &walk);
+    let (thickness, fade) = (l.load(&packet.thickness), l.load(&packet.fade));
+    let (zero, one) = (l.splat(0.0), l.splat(1.0));
+    let (side, rounding) = (l.splat(ground.side as f32), l.splat(ground.roundings[1]));
+    let mut active = l.mask(packet.active);
+    for n in 0..3 {
+        let lost = l.splat(LOST[usize::from(n > 0)]);
+        sums.off[n] = l.add(sums.off[n], l.select(active, lost, zero));
+    }
+    // Rays begin with nothing gathered: there is nothing that they stop for on the way.
+    let mut seen = one;
+    let mut count = 0;
+    while l.bits(active) != 0 {
+        count += u64::from(l.bits(active).count_ones());
+        let shade = l.gather_row(ground.shades, walk.index(side));
+        let planes = walk.inner_planes();
+        let (next, axes) = walk.exit(planes);
+        let next = l.max(next, walk.t);
+        let way = l.select(active, l.sub(next, walk.t), zero);
+        let (before, mut depth, mut lit) = (seen, zero, l.mul(seen, way));
+        if ABSORBS {
+            depth = l.mul(l.mul(way, thickness), shade[3]);
+            let (mean, left) = attenuation(l, depth);
+            lit = l.mul(lit, mean);
+            seen = l.mul(seen, left);
+            sums.depth = l.add(sums.depth, depth);
+        }
+        for c in 0..3 {
+            sums.light[c] = l.fma(lit, shade[c], sums.light[c]);
+        }
+        sums.lit = l.add(sums.lit, lit);
+        let own = [l.max(l.max(shade[0], shade[1]), shade[2]), shade[3]];
+        let rounded = [l.mul(rounding, lit), l.mul(rounding, way)];
+        sums.off = add_off::<L, ABSORBS>(l, sums.off, own, rounded[0], rounded[1]);
+        let Doubt { length, is_simple } = doubts.pass(l, &walk, (planes, axes), (next, way));
+        let mut rates = own;
+        // Behind the cell without the ways in doubt at its ends, a twentieth of it at most:
+        // e^(depth/20) is less than 1 + depth as far as anything is seen.
+        let behind = l.mul(seen, l.add(one, l.min(depth, l.splat(DARK))));
+        let mut shadow = behind;
+        if l.bits(l.without(active, is_simple)) != 0 {
+            let most = rates_at(l, ground.rates, walk.group(ground.groups), active);
+            for n in 0..2 {
+                rates[n] = l.select(is_simple, own[n], most[n]);
+            }
+            shadow = l.select(is_simple, behind, before);
+        }
+        let length = l.select(active, length, zero);
+        sums.off = add_off::<L, ABSORBS>(l, sums.off, rates, l.mul(shadow, length), length);
+        if !ground.levels.is_empty() {
+            let rates = rates_at(l, ground.levels, walk.group(ground.groups), active);
+            sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, lit, way);
+        }
+        if !ground.storages.is_empty() {
+            let rates = rates_at(l, ground.storages, walk.group(ground.groups), active);
+            sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, lit, way);
+        }
+        walk.t = l.select(active, next, walk.t);
+        active = l.and(active, is_less(l, next, walk.end));
+        if ABSORBS {
+            active = l.and(active, l.is_at_most(sums.depth, fade));
+        }
+        active = walk.step(active, axes);
+    }
+    sums.store(l, packet);
+    walk.store(packet);
+    packet.active = 0;
+    packet.count += count;
+}
+
+/// The mean transmittance over a depth, and what is left behind it.
+#[inline(always)]
+fn attenuation<L: Lanes>(l: L, depth: L::Float) -> (L::Float, L::Float) {
+    const TERMS: [f32; 5] = [-1.0 / 720.0, 1.0 / 120.0, -1.0 / 24.0, 1.0 / 6.0, -0.5];
+    let one = l.splat(1.0);
+    let mut mean = l.splat(TERMS[0]);
+    for n in 1..TERMS.len() {
+        mean = l.fma(mean, depth, l.splat(TERMS[n]));
+    }
+    mean = l.fma(mean, depth, one);
+    let left = l.sub(one, l.mul(depth, mean));
+    let is_thin = l.is_at_most(depth, l.splat(THIN));
+    if l.bits(l.without(l.mask(!0), is_thin)) == 0 {
+        return (mean, left);
+    }
+    let thick = through(l, depth);
+    let of_thick = l.div(l.sub(one, thick), l.max(depth, l.splat(THIN)));
+    (l.select(is_thin, mean, of_thick), l.select(is_thin, left, thick))
+}
+
+/// Where rays may be in other cells than in f32.
+struct Doubts<L: Lanes> {
+    /// By how much crossings may be off along t, and the end of the way.
+    off: [L::Float; 3],
+    off_end: L::Float,
+    /// t from which on the ray has certainly crossed all planes that it has crossed in f32.
+    since: L::Float,
+    /// Whether it was certainly in the cell before and went nowhere else on the way to this one.
+    is_clear: L::Mask,
+}
+
+/// The doubt about a cell.
+struct Doubt<L: Lanes> {
+    /// How much of the way may belong to other cells.
+    length: L::Float,
+    /// Whether these are only the one before and the next.
+    is_simple: L::Mask,
+}
+
+impl<L: Lanes> Doubts<L> {
+    #[inline(always)]
+    fn new(l: L, ground: &Ground<'_>, walk: &Walk<L>) -> Self {
+        let (off_end, zero) = (l.splat(ground.roundings[0]), l.splat(0.0));
+        let mut off = walk.inverse;
+        for a in 0..3 {
+            off[a] = l.mul(l.max(off[a], l.sub(zero, off[a])), off_end);
+        }
+        Self { off, off_end, since: walk.t, is_clear: l.mask(!0) }
+    }
+
+    /// Of the way from `walk.t` to `next` through a cell with these planes ahead, of which it crosses
+    /// the one along one of the axes, or none where the brick ends.
+    #[inline(always)]
+    fn pass(
+        &mut self,
+        l: L,
+        walk: &Walk<L>,
+        (planes, axes): ([L::Float; 3], [L::Mask; 3]),
+        (next, way): (L::Float, L::Float),
+    ) -> Doubt<L> {
+        // When the ray may leave at the earliest; when it has crossed the plane that it crosses in
+        // f32 at the latest; and when it may cross another plane than that of the earliest.
+        let mut early = l.sub(walk.end, self.off_end);
+        let mut late = l.add(walk.end, self.off_end);
+        let mut second = l.splat(f32::MAX);
+        let at_end = l.is_at_most(walk.end, next);
+        for a in 0..3 {
+            let at_least = l.sub(planes[a], self.off[a]);
+            second = l.min(second, l.max(early, at_least));
+            early = l.min(early, at_least);
+            let crosses = l.without(axes[a], at_end);
+            late = l.select(crosses, l.add(planes[a], self.off[a]), late);
+        }
+        let (zero, since) = (l.splat(0.0), self.since);
+        let is_certain = is_less(l, since, early);
+        let leaves = l.and(is_certain, is_less(l, late, second));
+        let in_front = l.max(l.sub(since, walk.t), zero);
+        let simple = l.add(in_front, l.max(l.sub(late, next), zero));
+        let is_short = l.is_at_most(simple, l.mul(way, l.splat(CLOSEST)));
+        let is_simple = l.and(l.and(leaves, self.is_clear), is_short);
+        let other = l.min(l.add(in_front, l.max(l.sub(next, early), zero)), way);
+        let other = l.fma(self.off_end, l.splat(2.0), other);
+        self.since = l.max(since, late);
+        self.is_clear = leaves;
+        Doubt { length: l.select(is_simple, simple, other), is_simple }
+    }
+}
