@@ -123,7 +123,6 @@ impl Completion<'_> {
                 field,
                 exponent: self.header.fields[field].exponent,
             };
-            scratch.raw.blocks.clear();
             gatherer.gather(hood, &mut scratch.raw)?;
             let void = is_void(self.header.shape, &scratch.raw);
             let (range, nan) = range(&scratch.raw);

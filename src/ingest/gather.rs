@@ -24,24 +24,26 @@ type Around = [Option<Arc<Vec<FieldCells>>>; 27];
 
 impl Gatherer<'_> {
     /// The payload of the brick at the centre of `hood`: as many ancestors' blocks as it takes
-    /// until one is complete, and at least one, which borders of level choice need.
+    /// until one is complete, and at least one, which borders of level choice need. The memory of
+    /// `raw` is reused.
     pub(super) fn gather(&self, hood: &Arc<Hood>, raw: &mut RawBrick) -> Result<()> {
         let lowest = hood.place.lowest_cell(self.shape);
         let mut ancestor = Some(hood);
         let mut up = 0;
         while let Some(hood) = ancestor {
-            raw.blocks.resize_with(up + 1, Block::default);
+            raw.blocks.resize_with(raw.blocks.len().max(up + 1), Block::default);
             let first: [i32; 3] = std::array::from_fn(|a| {
                 let own = hood.place.lowest_cell(self.shape)[a];
                 ((lowest[a] >> up) - own) as i32 - 1
             });
             let complete = self.gather_block(hood, first, self.shape.side(up), raw, up)?;
-            if complete && up > 0 {
+            up += 1;
+            if complete && up > 1 {
                 break;
             }
-            up += 1;
             ancestor = hood.parent.as_ref();
         }
+        raw.blocks.truncate(up);
         Ok(())
     }
 

@@ -83,7 +83,8 @@ pub(super) struct Sorted<R> {
 impl<R: Record> Sorted<R> {
     /// Reads the records in order.
     pub(super) fn iter(&self) -> Result<Merge<'_, R>> {
-        let mut merge = Merge { streams: Vec::new(), heap: BinaryHeap::new() };
+        let bytes = vec![0; R::BYTES];
+        let mut merge = Merge { streams: Vec::new(), heap: BinaryHeap::new(), bytes };
         for (run, &(start, end)) in self.runs.iter().enumerate() {
             merge.streams.push(self.spool.stream(start, end, self.buffer));
             merge.advance(run)?;
@@ -96,13 +97,14 @@ impl<R: Record> Sorted<R> {
 pub(super) struct Merge<'s, R> {
     streams: Vec<Stream<'s>>,
     heap: BinaryHeap<Head<R>>,
+    /// Those of a record.
+    bytes: Vec<u8>,
 }
 
 impl<R: Record> Merge<'_, R> {
     fn advance(&mut self, run: usize) -> Result<()> {
-        let mut bytes = vec![0; R::BYTES];
-        if self.streams[run].read(&mut bytes)? {
-            self.heap.push(Head { record: R::get(&bytes), run });
+        if self.streams[run].read(&mut self.bytes)? {
+            self.heap.push(Head { record: R::get(&self.bytes), run });
         }
         Ok(())
     }
