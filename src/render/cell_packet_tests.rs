@@ -78,7 +78,7 @@ fn rays() -> impl Strategy<Value = Vec<LocalRay>> {
     let near = (0..=EDGE, prop_oneof![Just(0.0), Just(1e-12), Just(-1e-12), -1e-5..1e-5_f64])
         .prop_map(move |(plane, off)| (f64::from(plane) + off).clamp(0.0, edge));
     let through = prop::array::uniform3(prop_oneof![0.0..edge, near]);
-    let slight = prop_oneof![Just(0.0), Just(1e-17), Just(-1e-9), -1e-5..1e-5_f64];
+    let slight = prop_oneof![Just(0.0), Just(1e-17), Just(-1e-17), Just(-1e-9), -1e-5..1e-5_f64];
     let steep = prop_oneof![Just(1.0), Just(-1.0), -1.0..1.0_f64];
     let towards = prop::array::uniform3(prop_oneof![2 => steep, 1 => slight]);
     let ray = (through, towards).prop_filter_map("no direction", |(at, to)| {

@@ -21,6 +21,8 @@ use crate::cache::BrickShape;
 
 /// A cell of the transfer function's largest extinction with a depth beyond this is none for f32.
 const THICKEST: f64 = 1e30;
+/// What rounding of f64 does to places in a brick, cells, and more.
+const PLACE_ROUNDING: f64 = 1e-12;
 /// What rounding of f32 may take off sums of errors.
 const ROUNDED_UP: f64 = 1.0 + 1e-5;
 
@@ -443,7 +445,8 @@ fn set_off(
     for a in 0..3 {
         let cell = (origin[a] as i32).clamp(place.range.lo[a], place.range.hi[a]);
         // Between two planes a ray through constant cells is as good as one in the middle.
-        let is_between = place.shift == 0.0 && origin[a] as i32 == end[a] as i32;
+        let stays = direction[a] == 0.0 || is_between_planes(origin[a], end[a]);
+        let is_between = place.shift == 0.0 && stays;
         let middle = f64::from(cell) + 0.5;
         let (from, along) = if is_between { (middle, 0.0) } else { (origin[a], direction[a]) };
         packet.origin[a].0[lane] = from as f32;
@@ -452,6 +455,12 @@ fn set_off(
     }
     packet.t.0[lane] = 0.0;
     packet.end.0[lane] = ((span.1 - span.0) / unit) as f32;
+}
+
+/// Whether a ray that goes from one place to another along an axis crosses no plane, nor comes as
+/// close to one as rounding.
+fn is_between_planes(from: f64, to: f64) -> bool {
+    (from.min(to) - PLACE_ROUNDING) as i32 == (from.max(to) + PLACE_ROUNDING) as i32
 }
 
 /// Optical depth behind which a ray may end that goes through `span` of a brick, whatever it has
