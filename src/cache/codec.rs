@@ -3,8 +3,7 @@
 use super::brick::{Block, BrickShape, RawBrick, state};
 use super::planes;
 
-/// zstd level: what higher ones save on byte-shuffled floats is not worth their time (level 3
-/// takes nearly twice as long and saves 1 to 2 %).
+/// zstd level: what higher ones save on byte-shuffled floats is not worth their time.
 const COMPRESSION_LEVEL: i32 = 1;
 
 /// Compresses payloads; holds the codec's context and scratch buffers for one thread.
