@@ -15,7 +15,7 @@
 use super::rows::is_less;
 use super::sums::{DARK, Sums, through};
 use super::walk::Walk;
-use super::{Ground, Packet, add_off, rates_at};
+use super::{Ground, Packet, add_off, go_on, rates_at};
 use crate::render::lanes::Lanes;
 
 /// Optical depths up to this are summed as series, to 5e-8.
@@ -87,12 +87,7 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(l: L, ground: &Ground<'_>, pa
             let rates = rates_at(l, ground.storages, walk.group(ground.groups), active);
             sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, lit, way);
         }
-        walk.t = l.select(active, next, walk.t);
-        active = l.and(active, is_less(l, next, walk.end));
-        if ABSORBS {
-            active = l.and(active, l.is_at_most(sums.depth, fade));
-        }
-        active = walk.step(active, axes);
+        active = go_on::<L, ABSORBS>(l, &mut walk, (next, axes), active, (sums.depth, fade));
     }
     sums.store(l, packet);
     walk.store(packet);

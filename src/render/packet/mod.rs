@@ -304,17 +304,30 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
             let rates = rates_at(l, ground.storages, group, active);
             sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, lit, way);
         }
-        walk.t = l.select(active, next, walk.t);
-        active = l.and(active, is_less(l, next, walk.end));
-        if ABSORBS {
-            active = l.and(active, l.is_at_most(sums.depth, fade));
-        }
-        active = walk.step(active, axes);
+        active = go_on::<L, ABSORBS>(l, &mut walk, (next, axes), active, (sums.depth, fade));
     }
     sums.store(l, packet);
     walk.store(packet);
     packet.active = l.bits(stopped);
     packet.count += count;
+}
+
+/// Takes active lanes to their next cells, from t = `next` on. Returns those that are still on their
+/// way: neither out of the brick nor behind a depth beyond `fade`.
+#[inline(always)]
+fn go_on<L: Lanes, const ABSORBS: bool>(
+    l: L,
+    walk: &mut Walk<L>,
+    (next, axes): (L::Float, [L::Mask; 3]),
+    active: L::Mask,
+    (depth, fade): (L::Float, L::Float),
+) -> L::Mask {
+    walk.t = l.select(active, next, walk.t);
+    let mut active = l.and(active, is_less(l, next, walk.end));
+    if ABSORBS {
+        active = l.and(active, l.is_at_most(depth, fade));
+    }
+    walk.step(active, axes)
 }
 
 /// What emission and extinction are off by in a group, in active lanes.
