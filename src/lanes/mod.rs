@@ -42,7 +42,9 @@ pub(super) trait Lanes: Copy {
     fn sub(self, a: Self::Float, b: Self::Float) -> Self::Float;
     fn mul(self, a: Self::Float, b: Self::Float) -> Self::Float;
     fn div(self, a: Self::Float, b: Self::Float) -> Self::Float;
-    /// a·b + c.
+    /// a·b + c, rounded once.
+    fn fused(self, a: Self::Float, b: Self::Float, c: Self::Float) -> Self::Float;
+    /// a·b + c, rounded once or twice.
     fn fma(self, a: Self::Float, b: Self::Float, c: Self::Float) -> Self::Float;
     fn min(self, a: Self::Float, b: Self::Float) -> Self::Float;
     fn max(self, a: Self::Float, b: Self::Float) -> Self::Float;

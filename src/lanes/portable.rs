@@ -48,6 +48,11 @@ impl Lanes for Portable {
         each(|n| a[n] / b[n])
     }
     #[inline(always)]
+    fn fused(self, a: Self::Float, b: Self::Float, c: Self::Float) -> Self::Float {
+        // Products of f32 are exact in f64, whose own rounding of the sum is as good as none.
+        each(|n| (f64::from(a[n]) * f64::from(b[n]) + f64::from(c[n])) as f32)
+    }
+    #[inline(always)]
     fn fma(self, a: Self::Float, b: Self::Float, c: Self::Float) -> Self::Float {
         // Rounded twice: without hardware for it `mul_add` is a function call.
         each(|n| a[n] * b[n] + c[n])

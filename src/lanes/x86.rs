@@ -96,6 +96,7 @@ impl Lanes for Avx512 {
     method!(sub(a: __m512, b: __m512) -> __m512 { _mm512_sub_ps(a, b) });
     method!(mul(a: __m512, b: __m512) -> __m512 { _mm512_mul_ps(a, b) });
     method!(div(a: __m512, b: __m512) -> __m512 { _mm512_div_ps(a, b) });
+    method!(fused(a: __m512, b: __m512, c: __m512) -> __m512 { _mm512_fmadd_ps(a, b, c) });
     method!(fma(a: __m512, b: __m512, c: __m512) -> __m512 { _mm512_fmadd_ps(a, b, c) });
     method!(min(a: __m512, b: __m512) -> __m512 { _mm512_min_ps(a, b) });
     method!(max(a: __m512, b: __m512) -> __m512 { _mm512_max_ps(a, b) });
@@ -199,6 +200,7 @@ impl Lanes for Avx2 {
     method!(sub(a: __m256, b: __m256) -> __m256 { _mm256_sub_ps(a, b) });
     method!(mul(a: __m256, b: __m256) -> __m256 { _mm256_mul_ps(a, b) });
     method!(div(a: __m256, b: __m256) -> __m256 { _mm256_div_ps(a, b) });
+    method!(fused(a: __m256, b: __m256, c: __m256) -> __m256 { _mm256_fmadd_ps(a, b, c) });
     method!(fma(a: __m256, b: __m256, c: __m256) -> __m256 { _mm256_fmadd_ps(a, b, c) });
     method!(min(a: __m256, b: __m256) -> __m256 { _mm256_min_ps(a, b) });
     method!(max(a: __m256, b: __m256) -> __m256 { _mm256_max_ps(a, b) });

@@ -58,19 +58,14 @@ impl Care {
     }
 }
 
-/// Rounding of places in a brick, cells, and of what follows from them, relative.
-const PLACE_ROUNDING: f64 = 4e-6;
+/// Rounding of places in a brick, cells, and of what follows from them, relative. Where rays come
+/// into a cell is known as a sum of two f32 (`render/packet/walk.rs`); from there on, of what they
+/// pass in it, rounding of its length, of their direction, and of the sum make 2⁻²⁴ at most each.
+const PLACE_ROUNDING: f64 = 3e-7;
 const VALUE_ROUNDING: f64 = 3e-7;
 const LIGHT_ROUNDING: f64 = 4e-6;
 /// What is lost below the smallest f32, of values relative to the table's.
 const UNDERFLOW: f64 = f32::MIN_POSITIVE as f64;
-/// Where cells are constant: how far places of crossings may be off, cells per cell of the brick's
-/// edge. At an edge of 16 rounding of a ray's origin makes half of 2⁻²⁰, of the difference to a plane
-/// as much, of direction, inverse and product 3 · 2⁻²⁴ · 16, and of sums with it 2⁻²⁰: 4.8e-6.
-const CROSSING_ROUNDING: f32 = 3.2e-7;
-/// There, what a brick's sums are off by, relative: of transmittance and of light 2⁻²⁴ for each of up
-/// to 3 cells per cell of its edge, and of a cell's own transmittance as much as twenty times that.
-const SUM_ROUNDING: f32 = 6e-8;
 /// Groups are fit that are off by no more than this many times as much as all might be.
 const FITTING: f64 = 16.0;
 /// What is little against emission and extinction.
@@ -201,13 +196,6 @@ impl Grades {
             self.levels.extend(groups().map(|group| pack(group.levels, &transfer.table)));
         }
     }
-}
-
-/// Where cells are constant in a brick of `edge` cells: how far crossings may be off, cells, and by
-/// how much sums are, relative.
-pub(super) fn cell_roundings(edge: usize) -> [f32; 2] {
-    let edge = edge as f32;
-    [CROSSING_ROUNDING * edge, SUM_ROUNDING * (40.0 + 6.0 * edge)]
 }
 
 /// As [`super::packet::Ground::reliefs`] has it.

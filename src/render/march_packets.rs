@@ -6,7 +6,7 @@ mod cell_walk;
 
 use self::cabin::{Cabin, Rider};
 use super::frame::LocalRay;
-use super::grade::{Care, Grades, PacketTransfer, cell_roundings};
+use super::grade::{Care, Grades, PacketTransfer};
 use super::interpolant::DrawnNeighbours;
 use super::lanes::{BYTE_PADDING, MOST_LANES, Width};
 use super::march::{Beam, CellRange, DUAL_SHIFT, Light, Passage, Region};
@@ -187,7 +187,6 @@ impl Packets {
             lo: range.lo.map(|c| c as f32),
             hi: range.hi.map(|c| c as f32),
             shades: &passage.brick.shades.rows,
-            roundings: cell_roundings(passage.brick.edge),
             rates: &self.grades.rates,
             levels: &self.grades.levels,
             storages: &self.grades.storages,

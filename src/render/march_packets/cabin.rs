@@ -8,7 +8,7 @@ use crate::render::lanes::{Row, Width};
 use crate::render::ledger::Ledger;
 use crate::render::march::{Beam, Spread, arrive, leave, march};
 use crate::render::march_linear::pass_dual_cell;
-use crate::render::packet::{Ground, March, Packet, SLACK};
+use crate::render::packet::{Ground, March, ORIGIN_STEP, Packet, SLACK};
 use crate::render::ray_error::{RayError, Sums};
 use crate::render::ray_state::RayState;
 use crate::render::walk::clip;
@@ -132,7 +132,7 @@ impl Cabin {
         let state = &mut film.states[rider.index];
         let seen = state.transmittance * length;
         let sum = |row: &Row| f64::from(row.0[lane]);
-        let t = sum(&packet.t);
+        let t = self.packet.reached(lane);
         if rider.beam.is_some() {
             let error = &mut film.errors[rider.index];
             let sums = |[emission, dimmed, extinction]: [f64; 3]| Sums {
@@ -164,7 +164,7 @@ impl Cabin {
         let (packet, rider) = (&mut self.packet, &mut self.riders[lane]);
         let state = &film.states[rider.index];
         packet.fade.0[lane] = fade(state, place, (&rider.ray, rider.span));
-        rider.since = f64::from(packet.t.0[lane]);
+        rider.since = packet.reached(lane);
         packet.clear_lane(lane);
     }
 
@@ -215,7 +215,7 @@ impl Cabin {
         let count = integrator.count;
         let reached = (walk.from - rider.span.0) / rider.unit;
         self.riders[lane].since = reached;
-        self.packet.t.0[lane] = reached as f32;
+        put(&mut self.packet.t, lane, split(reached));
         for a in 0..3 {
             self.packet.cell[a].0[lane] = walk.cell[a] as f32;
         }
@@ -244,12 +244,28 @@ fn set_off(
         let is_between = place.shift == 0.0 && stays;
         let middle = f64::from(cell) + 0.5;
         let (from, along) = if is_between { (middle, 0.0) } else { (origin[a], direction[a]) };
-        packet.origin[a].0[lane] = from as f32;
-        packet.direction[a].0[lane] = along as f32;
+        let coarse = (from / ORIGIN_STEP).round() * ORIGIN_STEP;
+        let (origin, direction) = ([coarse, from - coarse].map(|x| x as f32), split(along));
+        for n in 0..2 {
+            packet.origin[n][a].0[lane] = origin[n];
+            packet.direction[n][a].0[lane] = direction[n];
+        }
         packet.cell[a].0[lane] = cell as f32;
     }
-    packet.t.0[lane] = 0.0;
-    packet.end.0[lane] = ((span.1 - span.0) / unit) as f32;
+    put(&mut packet.t, lane, [0.0; 2]);
+    put(&mut packet.end, lane, split((span.1 - span.0) / unit));
+}
+
+/// A number as the sum of two.
+fn split(x: f64) -> [f32; 2] {
+    let coarse = x as f32;
+    [coarse, (x - f64::from(coarse)) as f32]
+}
+
+fn put(rows: &mut [Row; 2], lane: usize, numbers: [f32; 2]) {
+    for (row, number) in rows.iter_mut().zip(numbers) {
+        row.0[lane] = number;
+    }
 }
 
 /// Whether a ray that goes from one place to another along an axis crosses no plane, nor comes as

@@ -22,7 +22,7 @@ impl<'r> CellWalk<'r> {
         packet: &Packet,
         lane: usize,
     ) -> Self {
-        let reached = f64::from(packet.t.0[lane]);
+        let reached = packet.reached(lane);
         Self {
             rider: &rider.ray,
             range,

@@ -55,8 +55,8 @@ impl<L: Lanes> Bends<L> {
         bends
     }
 
-    /// The first t after `from`, at most `end`, at which the weight may bend; rays are `within`
-    /// the cell at t = 0, whose border is `crooked` or a plane.
+    /// The first way after `from`, at most `end`, at which the weight may bend; rays begin `within`
+    /// the cell, whose border is `crooked` or a plane.
     #[inline(always)]
     pub(super) fn next(
         &self,

@@ -29,13 +29,17 @@ use self::rows::is_less;
 use self::square::{Shift, Squares};
 pub(super) use self::sums::DEEPEST;
 use self::sums::{Stretch, Sums, Terms};
-use self::walk::Walk;
+use self::walk::{Exit, Walk};
 use super::lanes::{Kernel, Lanes, MOST_LANES, Row};
 use super::scaled::dual;
 use super::transfer_table::TransferTable;
 
 /// What rounding may do to places in a brick, cells.
 pub(super) const SLACK: f32 = 1e-5;
+
+/// Origins in a brick of up to 63 cells are multiples of this, so that f32 holds them and their
+/// differences to planes exactly.
+pub(super) const ORIGIN_STEP: f64 = 1.0 / (1 << 18) as f64;
 
 /// The rate of a group that packets leave to the march of single rays.
 pub(super) const UNFIT: u32 = u32::MAX;
@@ -60,9 +64,6 @@ pub(super) struct Ground<'g> {
     /// is the brick's edge, cells take the place of dual cells, and there are neither values nor
     /// kinds. Else empty.
     pub(super) shades: &'g [[f32; 4]],
-    /// Where cells are constant: how far crossings may be off, cells, and what sums are off by,
-    /// relative.
-    pub(super) roundings: [f32; 2],
     /// For each group of cells what emission (upper half of the bits, relative to the table's) and
     /// extinction (lower half) may be off by; [`UNFIT`] where that is too much. Where cells are
     /// constant, the most that they are.
@@ -91,9 +92,10 @@ pub(super) struct Ground<'g> {
 #[derive(Debug, Clone)]
 pub(super) struct Packet {
     /// Where each ray enters, in dual cells from the brick's lowest, and its direction per unit
-    /// of t, in which no component is above 1.
-    pub(super) origin: [Row; 3],
-    pub(super) direction: [Row; 3],
+    /// of t, in which no component is above 1; and what is left of both by their rounding to f32.
+    /// Origins are multiples of [`ORIGIN_STEP`], and what is left.
+    pub(super) origin: [[Row; 3]; 2],
+    pub(super) direction: [[Row; 3]; 2],
     /// Largest extinction · code length per unit of t.
     pub(super) thickness: Row,
     /// What emission may be off by over the way through a cell, per unit of t, where that takes
@@ -101,9 +103,9 @@ pub(super) struct Packet {
     pub(super) allowed: Row,
     /// Optical depth from which on what lies behind may be left out.
     pub(super) fade: Row,
-    /// t reached, and t where the ray leaves.
-    pub(super) t: Row,
-    pub(super) end: Row,
+    /// t reached, and t where the ray leaves; and what is left of them by rounding.
+    pub(super) t: [Row; 2],
+    pub(super) end: [Row; 2],
     /// The dual cell reached.
     pub(super) cell: [Row; 3],
     /// Which lanes are still on their way; the others are left alone.
@@ -132,13 +134,13 @@ pub(super) struct Packet {
 impl Packet {
     pub(super) fn new() -> Self {
         Self {
-            origin: [Row::ZERO; 3],
-            direction: [Row::ZERO; 3],
+            origin: [[Row::ZERO; 3]; 2],
+            direction: [[Row::ZERO; 3]; 2],
             thickness: Row::ZERO,
             allowed: Row::ZERO,
             fade: Row::ZERO,
-            t: Row::ZERO,
-            end: Row::ZERO,
+            t: [Row::ZERO; 2],
+            end: [Row::ZERO; 2],
             cell: [Row::ZERO; 3],
             active: 0,
             light: [Row::ZERO; 3],
@@ -159,6 +161,11 @@ impl Packet {
     pub(super) fn cell(&self, lane: usize) -> [i32; 3] {
         let [x, y, z] = &self.cell;
         [x, y, z].map(|row| row.0[lane % MOST_LANES] as i32)
+    }
+
+    /// The t that a lane has reached.
+    pub(super) fn reached(&self, lane: usize) -> f64 {
+        self.t.iter().map(|row| f64::from(row.0[lane % MOST_LANES])).sum()
     }
 
     /// Sets the sums to nothing.
@@ -221,7 +228,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
     packet: &mut Packet,
 ) {
     let mut walk = Walk::new(l, ground, packet);
-    let bends = Bends::new(l, walk.direction);
+    let bends = Bends::new(l, walk.direction());
     let (mut sums, terms) = (Sums::load(l, packet), Terms::load(l, packet));
     let (squares, has_squares) = (Squares::load(l, packet), !ground.reliefs.is_empty());
     let fade = l.load(&packet.fade);
@@ -247,45 +254,43 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
             break;
         }
         let cube = Cube::new(l, (ground.values, ground.side), walk.index(side));
-        let (next, axes) = walk.exit(walk.planes());
-        let way = l.select(active, l.sub(next, walk.t), zero);
-        let way = l.max(way, zero);
+        walk.locate();
+        let exit = walk.exit(walk.planes());
+        let way = l.select(active, exit.way, zero);
         // The rates of lanes that are not active may be no numbers.
         let emission_off = l.select(active, l.upper_half(bits), zero);
         let extinction_off = l.select(active, l.lower_half(bits), zero);
         let before = sums.lit;
         let shift = if has_squares {
-            squares.shift(l, ground, (&walk, next, group), BLENDED)
+            squares.shift(l, ground, (&walk, way, group), BLENDED)
         } else {
             Shift::none(l)
         };
         if BLENDED {
-            let mut from = walk.t;
-            let inside = walk.within();
+            let mut from = zero;
             let exists = l.gather_bytes(ground.corners, duals);
             let crooked = l.and(active, is_crooked(l, exists));
             let mut ahead = active;
             while l.bits(ahead) != 0 {
-                let to = bends.next(l, inside, [from, next], crooked);
-                let way = l.max(l.select(ahead, l.sub(to, from), zero), zero);
-                let middle = l.fma(way, l.splat(0.5), from);
-                let place = walk.place(inside, middle);
+                let to = bends.next(l, walk.place, [from, way], crooked);
+                let length = l.max(l.select(ahead, l.sub(to, from), zero), zero);
+                let place = walk.behind(l.fma(length, l.splat(0.5), from));
                 let part = Part::new(l, ground, (&walk.cell, exists), place);
                 let (cube, part) = (&cube, Some(&part));
-                let stretch = Stretch { cube, part, from, way, rate: extinction_off };
+                let stretch = Stretch { cube, part, from, way: length, rate: extinction_off };
                 let lit = sums.lit;
                 let (parts, seen) =
                     sums.pass::<ABSORBS>(l, ground, (&walk, &terms, ahead), stretch);
                 count += parts;
                 if has_squares {
                     let lit = l.sub(sums.lit, lit);
-                    shift.add::<ABSORBS>(l, ground, packet, (&seen, lit, way), ahead);
+                    shift.add::<ABSORBS>(l, ground, packet, (&seen, lit, length), ahead);
                 }
-                ahead = l.and(ahead, is_less(l, to, next));
+                ahead = l.and(ahead, is_less(l, to, way));
                 from = l.select(ahead, to, from);
             }
         } else {
-            let (cube, from) = (&cube, walk.t);
+            let (cube, from) = (&cube, zero);
             let stretch = Stretch { cube, part: None, from, way, rate: extinction_off };
             let (parts, seen) = sums.pass::<ABSORBS>(l, ground, (&walk, &terms, active), stretch);
             count += parts;
@@ -304,7 +309,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
             let rates = rates_at(l, ground.storages, group, active);
             sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, lit, way);
         }
-        active = go_on::<L, ABSORBS>(l, &mut walk, (next, axes), active, (sums.depth, fade));
+        active = go_on::<L, ABSORBS>(l, &mut walk, &exit, active, (sums.depth, fade));
     }
     sums.store(l, packet);
     walk.store(packet);
@@ -312,22 +317,18 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
     packet.count += count;
 }
 
-/// Takes active lanes to their next cells, from t = `next` on. Returns those that are still on their
-/// way: neither out of the brick nor behind a depth beyond `fade`.
+/// Takes active lanes to their next cells. Returns those that are still on their way: neither out of
+/// the brick nor behind a depth beyond `fade`.
 #[inline(always)]
 fn go_on<L: Lanes, const ABSORBS: bool>(
     l: L,
     walk: &mut Walk<L>,
-    (next, axes): (L::Float, [L::Mask; 3]),
+    exit: &Exit<L>,
     active: L::Mask,
     (depth, fade): (L::Float, L::Float),
 ) -> L::Mask {
-    walk.t = l.select(active, next, walk.t);
-    let mut active = l.and(active, is_less(l, next, walk.end));
-    if ABSORBS {
-        active = l.and(active, l.is_at_most(depth, fade));
-    }
-    walk.step(active, axes)
+    let goes_on = walk.step(active, exit);
+    if ABSORBS { l.and(goes_on, l.is_at_most(depth, fade)) } else { goes_on }
 }
 
 /// What emission and extinction are off by in a group, in active lanes.

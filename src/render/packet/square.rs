@@ -49,13 +49,13 @@ impl<L: Lanes> Squares<L> {
         squares
     }
 
-    /// What holds for the way through a cell from `walk.t` to `to`, in the group `group`.
+    /// What holds for `way` through a cell, in the group `group`.
     #[inline(always)]
     pub(super) fn shift(
         &self,
         l: L,
         ground: &Ground<'_>,
-        (walk, to, group): (&Walk<L>, L::Float, L::Index),
+        (walk, way, group): (&Walk<L>, L::Float, L::Index),
         blended: bool,
     ) -> Shift<L> {
         let (zero, one, half) = (l.splat(0.0), l.splat(1.0), l.splat(0.5));
@@ -73,8 +73,7 @@ impl<L: Lanes> Squares<L> {
             let twist = l.mul(l.min(uneven[a], uneven[b]), l.mul(spread[a], spread[b]));
             smooth = l.fma(twist, l.splat(2.0 / 3.0), smooth);
         }
-        let within = walk.within();
-        let [from, to] = [walk.place(within, walk.t), walk.place(within, to)];
+        let [from, to] = [walk.place, walk.behind(way)];
         let mut bent = smooth;
         for a in 0..3 {
             // Both ends are within the cell, so that no distance to its faces changes sign.

@@ -52,7 +52,7 @@ pub(super) struct Stretch<'s, L: Lanes> {
     pub(super) cube: &'s Cube<L>,
     /// How it is blended, beside borders of levels.
     pub(super) part: Option<&'s Part<L>>,
-    /// t where it begins, and its length.
+    /// Where it begins, from where the ray comes into the cell, and its length.
     pub(super) from: L::Float,
     pub(super) way: L::Float,
     /// What extinction is off by beside what is found out on the way.
@@ -160,7 +160,7 @@ impl<L: Lanes> Gain<L> {
         let step = l.mul(way, l.splat(share));
         let half = l.mul(step, l.splat(0.5));
         let thickness = l.mul(step, terms.thickness);
-        let (within, bend) = (walk.within(), cube.bend(l));
+        let bend = cube.bend(l);
         let (mut deepest, zero) = (l.splat(0.0), l.splat(0.0));
         let open = l.mask(0);
         let mut gain = Self { light: [zero; 3], depth, lit: zero, off: [zero; 3], open };
@@ -169,8 +169,8 @@ impl<L: Lanes> Gain<L> {
             let (mut shades, mut values) = ([[half; 4]; 2], [half; 2]);
             let mut blends = [[[half; 2]; MOST_PARENTS]; 2];
             for n in 0..2 {
-                let t = l.fma(step, l.splat(count as f32 + NODES[n]), from);
-                let place = walk.place(within, t);
+                let node = l.fma(step, l.splat(count as f32 + NODES[n]), from);
+                let place = walk.behind(node);
                 let mut x = cube.at(l, place);
                 if let Some(part) = part {
                     (x, blends[n]) = part.at(l, x, place);

@@ -1,17 +1,33 @@
 //! The walk of a packet from cell to cell.
 #![allow(clippy::needless_range_loop)]
 
-use super::rows::{load, store};
+use super::rows::{distance, load, store};
 use super::{Ground, Packet};
 use crate::render::lanes::Lanes;
 use crate::render::relief::GROUP_EDGE;
 
-/// The walk from cell to cell; every plane's t is computed anew, so that nothing drifts.
+/// A number as the sum of two f32, the second of which is what the first one's rounding left.
+pub(super) type Long<L> = [<L as Lanes>::Float; 2];
+
+/// a − b: where they are close, to what the second numbers round by.
+#[inline(always)]
+pub(super) fn apart<L: Lanes>(l: L, a: Long<L>, b: Long<L>) -> L::Float {
+    l.add(l.sub(a[0], b[0]), l.sub(a[1], b[1]))
+}
+
+#[inline(always)]
+fn select<L: Lanes>(l: L, mask: L::Mask, a: Long<L>, b: Long<L>) -> Long<L> {
+    [l.select(mask, a[0], b[0]), l.select(mask, a[1], b[1])]
+}
+
+/// The walk from cell to cell; every plane's t is computed anew, so that nothing drifts, and as a
+/// sum of two f32, so that cells far along the ray are as exact as the first. The first numbers of
+/// origins have few enough bits ([`super::ORIGIN_STEP`]) for differences to planes to be exact.
 pub(super) struct Walk<L: Lanes> {
     l: L,
-    pub(super) origin: [L::Float; 3],
-    pub(super) direction: [L::Float; 3],
-    pub(super) inverse: [L::Float; 3],
+    origin: [Long<L>; 3],
+    direction: [Long<L>; 3],
+    inverse: [Long<L>; 3],
     /// 1 where the plane ahead of a cell is its upper one, and ±1 as the next cell's number is
     /// larger or smaller.
     ahead: [L::Float; 3],
@@ -21,8 +37,20 @@ pub(super) struct Walk<L: Lanes> {
     /// The last cell on the way, times its sign.
     last: [L::Float; 3],
     pub(super) cell: [L::Float; 3],
-    pub(super) t: L::Float,
-    pub(super) end: L::Float,
+    t: Long<L>,
+    pub(super) end: Long<L>,
+    /// Where rays are at t, from the cell's lowest corner.
+    pub(super) place: [L::Float; 3],
+}
+
+/// Where the way through a cell ends.
+pub(super) struct Exit<L: Lanes> {
+    t: Long<L>,
+    /// How long it is.
+    pub(super) way: L::Float,
+    /// Along which axis the ray leaves the cell; and whether it leaves the brick before.
+    pub(super) axes: [L::Mask; 3],
+    pub(super) at_end: L::Mask,
 }
 
 /// Along an axis on which a ray moves less than this it meets no plane.
@@ -32,28 +60,37 @@ impl<L: Lanes> Walk<L> {
     #[inline(always)]
     pub(super) fn new(l: L, ground: &Ground<'_>, packet: &Packet) -> Self {
         let (zero, one) = (l.splat(0.0), l.splat(1.0));
+        let long = [zero; 2];
         let mut walk = Self {
             l,
-            origin: load(l, &packet.origin),
-            direction: load(l, &packet.direction),
-            inverse: [zero; 3],
+            origin: [long; 3],
+            direction: [long; 3],
+            inverse: [long; 3],
             ahead: [zero; 3],
             sign: [zero; 3],
             lo: [zero; 3],
             hi: [zero; 3],
             last: [zero; 3],
             cell: load(l, &packet.cell),
-            t: l.load(&packet.t),
-            end: l.load(&packet.end),
+            t: [l.load(&packet.t[0]), l.load(&packet.t[1])],
+            end: [l.load(&packet.end[0]), l.load(&packet.end[1])],
+            place: [zero; 3],
         };
         for a in 0..3 {
-            let falls = l.is_at_most(walk.direction[a], l.splat(-LEAST_MOTION));
-            let rises = l.is_at_most(l.splat(LEAST_MOTION), walk.direction[a]);
+            walk.origin[a] = [l.load(&packet.origin[0][a]), l.load(&packet.origin[1][a])];
+            let direction = [l.load(&packet.direction[0][a]), l.load(&packet.direction[1][a])];
+            walk.direction[a] = direction;
+            let falls = l.is_at_most(direction[0], l.splat(-LEAST_MOTION));
+            let rises = l.is_at_most(l.splat(LEAST_MOTION), direction[0]);
             walk.ahead[a] = l.select(falls, zero, one);
             walk.sign[a] = l.select(falls, l.splat(-1.0), one);
-            let inverse = l.div(one, walk.direction[a]);
-            let far = l.splat(LEAST_MOTION.recip());
-            walk.inverse[a] = l.select(falls, inverse, l.select(rises, inverse, far));
+            // One step of Newton's method from the rounded inverse.
+            let inverse = l.div(one, direction[0]);
+            let left = l.fused(l.sub(zero, direction[0]), inverse, one);
+            let left = l.sub(left, l.mul(direction[1], inverse));
+            let inverse = [inverse, l.mul(inverse, left)];
+            let far = [l.splat(LEAST_MOTION.recip()), zero];
+            walk.inverse[a] = select(l, falls, inverse, select(l, rises, inverse, far));
             (walk.lo[a], walk.hi[a]) = (l.splat(ground.lo[a]), l.splat(ground.hi[a]));
             let last = l.select(falls, walk.lo[a], walk.hi[a]);
             walk.last[a] = l.mul(last, walk.sign[a]);
@@ -61,23 +98,44 @@ impl<L: Lanes> Walk<L> {
         walk
     }
 
-    /// Where rays would be at t = 0, from the cell's lowest corner.
+    /// The rays' directions.
     #[inline(always)]
-    pub(super) fn within(&self) -> [L::Float; 3] {
-        let mut within = self.origin;
-        for a in 0..3 {
-            within[a] = self.l.sub(within[a], self.cell[a]);
-        }
-        within
+    pub(super) fn direction(&self) -> [L::Float; 3] {
+        let [x, y, z] = &self.direction;
+        [x[0], y[0], z[0]]
     }
 
-    /// Where rays are at `t` that would be `within` at t = 0.
+    /// How much longer t becomes over a cell along each axis.
     #[inline(always)]
-    pub(super) fn place(&self, mut within: [L::Float; 3], t: L::Float) -> [L::Float; 3] {
+    pub(super) fn stretching(&self) -> [L::Float; 3] {
+        let (l, zero) = (self.l, self.l.splat(0.0));
+        let mut stretching = self.cell;
         for a in 0..3 {
-            within[a] = self.l.fma(self.direction[a], t, within[a]);
+            stretching[a] = distance(l, self.inverse[a][0], zero);
         }
-        within
+        stretching
+    }
+
+    /// Finds `place`.
+    #[inline(always)]
+    pub(super) fn locate(&mut self) {
+        let l = self.l;
+        for a in 0..3 {
+            let ([origin, rest], [direction, turned]) = (self.origin[a], self.direction[a]);
+            let near = l.fused(direction, self.t[0], l.sub(origin, self.cell[a]));
+            let rest = l.fma(turned, self.t[0], l.fma(direction, self.t[1], rest));
+            self.place[a] = l.add(near, rest);
+        }
+    }
+
+    /// Where rays are `way` behind `place`.
+    #[inline(always)]
+    pub(super) fn behind(&self, way: L::Float) -> [L::Float; 3] {
+        let mut place = self.place;
+        for a in 0..3 {
+            place[a] = self.l.fma(self.direction[a][0], way, place[a]);
+        }
+        place
     }
 
     /// Whether the dual cell is neither the first nor the last of the brick's, `last`, along an
@@ -109,45 +167,62 @@ impl<L: Lanes> Walk<L> {
 
     /// t where the ray crosses the planes ahead of the cell.
     #[inline(always)]
-    pub(super) fn planes(&self) -> [L::Float; 3] {
-        let l = self.l;
-        let mut planes = self.cell;
+    pub(super) fn planes(&self) -> [Long<L>; 3] {
+        let (l, zero) = (self.l, self.l.splat(0.0));
+        let mut planes = self.origin;
         for a in 0..3 {
-            let ahead = l.sub(l.add(planes[a], self.ahead[a]), self.origin[a]);
-            planes[a] = l.mul(ahead, self.inverse[a]);
+            let ([origin, rest], [inverse, more]) = (self.origin[a], self.inverse[a]);
+            let ahead = l.sub(l.add(self.cell[a], self.ahead[a]), origin);
+            let t = l.mul(ahead, inverse);
+            let left = l.fused(ahead, inverse, l.sub(zero, t));
+            let moved = l.sub(l.mul(ahead, more), l.mul(rest, inverse));
+            planes[a] = [t, l.add(left, moved)];
         }
         planes
     }
 
     /// The same, but far off where there is no cell behind.
     #[inline(always)]
-    pub(super) fn inner_planes(&self) -> [L::Float; 3] {
+    pub(super) fn inner_planes(&self) -> [Long<L>; 3] {
         let l = self.l;
         let mut planes = self.planes();
         for a in 0..3 {
             let is_last = l.is_at_most(self.last[a], l.mul(self.cell[a], self.sign[a]));
-            planes[a] = l.select(is_last, l.splat(f32::MAX), planes[a]);
+            planes[a] = select(l, is_last, [l.splat(f32::MAX), l.splat(0.0)], planes[a]);
         }
         planes
     }
 
-    /// t where the ray leaves the cell, whose planes ahead are `planes`, or the brick, and along
-    /// which axis.
+    /// Where the ray leaves the cell, whose planes ahead are `planes`, or the brick.
     #[inline(always)]
-    pub(super) fn exit(&self, [x, y, z]: [L::Float; 3]) -> (L::Float, [L::Mask; 3]) {
-        let l = self.l;
-        let yz = l.min(y, z);
-        let along_x = l.is_at_most(x, yz);
-        let along_y = l.without(l.is_at_most(y, z), along_x);
+    pub(super) fn exit(&self, [x, y, z]: [Long<L>; 3]) -> Exit<L> {
+        let (l, zero) = (self.l, self.l.splat(0.0));
+        let (xy, xz) = (apart(l, x, y), apart(l, x, z));
+        let along_x = l.and(l.is_at_most(xy, zero), l.is_at_most(xz, zero));
+        let along_y = l.without(l.is_at_most(apart(l, y, z), zero), along_x);
         let along_z = l.without(l.without(l.mask(!0), along_x), along_y);
-        (l.min(l.min(x, yz), self.end), [along_x, along_y, along_z])
+        let plane = select(l, along_x, x, select(l, along_y, y, z));
+        let at_end = l.is_at_most(apart(l, self.end, plane), zero);
+        let t = select(l, at_end, self.end, plane);
+        let way = apart(l, t, self.t);
+        // Rounding may put planes that the ray has come to behind it.
+        let t = select(l, l.is_at_most(zero, way), t, self.t);
+        Exit { t, way: l.max(way, zero), axes: [along_x, along_y, along_z], at_end }
     }
 
-    /// Goes on to the next cell. Returns which of the active rays have one: rounding may leave a
-    /// way of no length behind the last.
+    /// How far it is from the exit on to a t.
     #[inline(always)]
-    pub(super) fn step(&mut self, active: L::Mask, axes: [L::Mask; 3]) -> L::Mask {
-        let l = self.l;
+    pub(super) fn beyond(&self, exit: &Exit<L>, t: Long<L>) -> L::Float {
+        apart(self.l, t, exit.t)
+    }
+
+    /// Active rays go on to the exit and into the next cell. Returns which of them have one: rounding
+    /// may leave a way of no length behind the last.
+    #[inline(always)]
+    pub(super) fn step(&mut self, active: L::Mask, exit: &Exit<L>) -> L::Mask {
+        let (l, axes) = (self.l, exit.axes);
+        self.t = select(l, active, exit.t, self.t);
+        let active = l.without(active, exit.at_end);
         let mut inside = active;
         for a in 0..3 {
             let next = l.add(self.cell[a], self.sign[a]);
@@ -161,7 +236,8 @@ impl<L: Lanes> Walk<L> {
 
     #[inline(always)]
     pub(super) fn store(&self, packet: &mut Packet) {
-        self.l.store(self.t, &mut packet.t);
+        self.l.store(self.t[0], &mut packet.t[0]);
+        self.l.store(self.t[1], &mut packet.t[1]);
         store(self.l, &self.cell, &mut packet.cell);
     }
 }
