@@ -8,7 +8,7 @@
 #![allow(clippy::needless_range_loop)]
 
 use super::Ground;
-use super::cube::{Bend, Cube};
+use super::cube::{Bend, Cube, Skew};
 use super::rows::distance;
 use crate::render::lanes::{BYTE_PADDING, Lanes};
 
@@ -168,29 +168,41 @@ struct Level<L: Lanes> {
     cube: Cube<L>,
     within: [L::Float; 3],
     scale: f32,
+    /// How long the stretch is in its own cells, and how its interpolant bends along it.
+    length: L::Float,
+    bend: Bend<L>,
+}
+
+/// A stretch within the part: where it begins, its middle, and its length.
+#[derive(Clone, Copy)]
+pub(super) struct Along<'a, L: Lanes> {
+    pub(super) from: [L::Float; 3],
+    pub(super) middle: [L::Float; 3],
+    pub(super) length: L::Float,
+    pub(super) skew: &'a Skew<L>,
 }
 
 /// Weights of levels, and how far each is from the next one's interpolant, at a node.
 pub(super) type Blend<L> = [[<L as Lanes>::Float; 2]; MOST_PARENTS];
 
 impl<L: Lanes> Part<L> {
-    /// The part that `place` is in of the dual cell `cell`, whose corners `exists` says.
+    /// The part that a stretch is in of the dual cell `cell`, whose corners `exists` says.
     #[inline(always)]
     pub(super) fn new(
         l: L,
         ground: &Ground<'_>,
         (cell, exists): (&[L::Float; 3], L::Index),
-        place: [L::Float; 3],
+        along: Along<'_, L>,
     ) -> Self {
-        let missing = missing_at(l, exists, place);
-        let first = Level::new(l, &ground.parents[0], cell, place);
+        let missing = missing_at(l, exists, along.middle);
+        let first = Level::new(l, &ground.parents[0], cell, along);
         let mut part = Self { missing, parents: [first; MOST_PARENTS], depth: 1 };
         while part.depth < ground.parent_count {
             let complete = l.is_index(part.parents[part.depth - 1].missing, 0);
             if l.bits(l.without(l.mask(!0), complete)) == 0 {
                 break;
             }
-            part.parents[part.depth] = Level::new(l, &ground.parents[part.depth], cell, place);
+            part.parents[part.depth] = Level::new(l, &ground.parents[part.depth], cell, along);
             part.depth += 1;
         }
         part
@@ -223,22 +235,17 @@ impl<L: Lanes> Part<L> {
         (value, blend)
     }
 
-    /// How the interpolant bends along `share` of a half cell, at the nodes of which it is blended
-    /// as `nodes` say, where the level's own bends by `bend` over a cell. The product of a weight,
+    /// How the interpolant bends along `share` of the stretch, at the nodes of which it is blended
+    /// as `nodes` say, where the level's own bends by `bend` over all of it. The product of a weight,
     /// linear, with a difference of two levels bends as their changes' does; where a parents'
     /// weight bends, its slope does so by up to 4 a cell of its own.
     #[inline(always)]
     pub(super) fn bend(&self, l: L, bend: Bend<L>, share: f32, [a, b]: &[Blend<L>; 2]) -> Bend<L> {
-        let last = &self.parents[self.depth - 1];
-        let mut above = last.cube.bend(l).along(l, 0.5 * share * last.scale);
+        let mut above = self.parents[self.depth - 1].bend.along(l, share);
         for n in 0..self.depth {
             let n = self.depth - 1 - n;
-            let own = if n == 0 {
-                bend.along(l, 0.5 * share)
-            } else {
-                let level = &self.parents[n - 1];
-                level.cube.bend(l).along(l, 0.5 * share * level.scale)
-            };
+            let own = if n == 0 { bend } else { self.parents[n - 1].bend };
+            let own = own.along(l, share);
             let both = own.plus(l, above);
             let ([w, d], [v, e]) = (a[n], b[n]);
             // From the nodes to the ends of the line.
@@ -259,7 +266,7 @@ impl<L: Lanes> Part<L> {
                 let zero = l.splat(0.0);
                 let apart = l.add(l.add(distance(l, d, zero), distance(l, e, zero)), change);
                 let straight = l.is_index(l.gather_bytes(&BENT, level.missing), 0);
-                let kink = l.mul(apart, l.splat(0.5 * share * level.scale));
+                let kink = l.mul(apart, l.mul(level.length, l.splat(share)));
                 above.kink = l.add(above.kink, l.select(straight, zero, kink));
             }
         }
@@ -269,8 +276,9 @@ impl<L: Lanes> Part<L> {
 
 impl<L: Lanes> Level<L> {
     #[inline(always)]
-    fn new(l: L, parents: &Parents<'_>, cell: &[L::Float; 3], place: [L::Float; 3]) -> Self {
+    fn new(l: L, parents: &Parents<'_>, cell: &[L::Float; 3], along: Along<'_, L>) -> Self {
         let Parents { values, side, corners, corner, scale } = *parents;
+        let Along { from, middle: place, length, skew } = along;
         let (mut first, mut within) = (place, place);
         for a in 0..3 {
             // Dual cells begin half a cell below cells, at all levels.
@@ -279,12 +287,16 @@ impl<L: Lanes> Level<L> {
             first[a] = l.floor(l.fma(place[a], l.splat(scale), origin));
             within[a] = l.sub(origin, first[a]);
         }
+        let cube = Cube::new(l, (values, side), number(l, first, side));
         let mut level = Self {
             missing: number(l, first, side - 1),
-            cube: Cube::new(l, (values, side), number(l, first, side)),
+            cube,
             within,
             scale,
+            length: l.mul(length, l.splat(scale)),
+            bend: Bend { second: length, third: length, fourth: length, kink: length },
         };
+        level.bend = cube.bend(l, skew, (level.place(l, from), level.length));
         let exists = l.gather_bytes(corners, level.missing);
         level.missing = missing_at(l, exists, level.place(l, place));
         level

@@ -25,21 +25,31 @@ impl<L: Lanes> Cube<L> {
         cube
     }
 
-    /// How the interpolant may bend along any way through the cube: half its second derivative is at
-    /// most the sum of its mixed differences, the coefficient of the third power that of all three.
+    /// How the interpolant bends along the way from `place` that goes so far. The coefficient of its
+    /// third power is the mixed difference of all axes times the direction's components; half its
+    /// second derivative the sum of those of two, which are linear in the third axis.
     #[inline(always)]
-    pub(super) fn bend(&self, l: L) -> Bend<L> {
+    pub(super) fn bend(
+        &self,
+        l: L,
+        skew: &Skew<L>,
+        ([x, y, z], length): ([L::Float; 3], L::Float),
+    ) -> Bend<L> {
         let [a, b, c, d] = self.rise;
-        let xy = l.max(distance(l, b, a), distance(l, d, c));
-        let xz = l.max(distance(l, c, a), distance(l, d, b));
         let [p, q, r, s] = self.lower;
-        let lower = l.sub(l.sub(s, r), l.sub(q, p));
         let twist = l.sub(l.sub(d, c), l.sub(b, a));
-        let (upper, zero) = (l.add(lower, twist), l.splat(0.0));
-        let yz = l.max(distance(l, lower, zero), distance(l, upper, zero));
+        let xy = l.fma(twist, z, l.sub(b, a));
+        let xz = l.fma(twist, y, l.sub(c, a));
+        let yz = l.fma(twist, x, l.sub(l.sub(s, r), l.sub(q, p)));
+        let [from_xy, from_xz, from_yz] = skew.pairs;
+        let first = l.fma(xy, from_xy, l.fma(xz, from_xz, l.mul(yz, from_yz)));
+        let third = l.mul(l.mul(twist, skew.all), length);
+        let last = l.fma(third, l.splat(3.0), first);
+        let (square, zero) = (l.mul(length, length), l.splat(0.0));
+        let second = l.max(distance(l, first, zero), distance(l, last, zero));
         Bend {
-            second: l.add(l.add(xy, xz), yz),
-            third: distance(l, twist, zero),
+            second: l.mul(second, square),
+            third: l.mul(distance(l, third, zero), square),
             fourth: zero,
             kink: zero,
         }
@@ -58,7 +68,22 @@ impl<L: Lanes> Cube<L> {
     }
 }
 
-/// How x bends along a way of length 1, at most: coefficients of its second, third and fourth
+/// Products of a direction's components: of x and y, x and z, y and z, and of all.
+#[derive(Clone, Copy)]
+pub(super) struct Skew<L: Lanes> {
+    pairs: [L::Float; 3],
+    all: L::Float,
+}
+
+impl<L: Lanes> Skew<L> {
+    #[inline(always)]
+    pub(super) fn new(l: L, [x, y, z]: [L::Float; 3]) -> Self {
+        let xy = l.mul(x, y);
+        Self { pairs: [xy, l.mul(x, z), l.mul(y, z)], all: l.mul(xy, z) }
+    }
+}
+
+/// How x bends along a way taken as one, at most: coefficients of its second, third and fourth
 /// power, and how far it is off such a polynomial.
 #[derive(Clone, Copy)]
 pub(super) struct Bend<L: Lanes> {

@@ -23,8 +23,8 @@ mod walk;
 
 pub(super) use self::blended::{MOST_PARENTS, Parents};
 
-use self::blended::{Bends, Part, is_crooked};
-use self::cube::Cube;
+use self::blended::{Along, Bends, Part, is_crooked};
+use self::cube::{Cube, Skew};
 use self::rows::is_less;
 use self::square::{Shift, Squares};
 pub(super) use self::sums::DEEPEST;
@@ -228,7 +228,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
     packet: &mut Packet,
 ) {
     let mut walk = Walk::new(l, ground, packet);
-    let bends = Bends::new(l, walk.direction());
+    let (bends, skew) = (Bends::new(l, walk.direction()), Skew::new(l, walk.direction()));
     let (mut sums, terms) = (Sums::load(l, packet), Terms::load(l, packet));
     let (squares, has_squares) = (Squares::load(l, packet), !ground.reliefs.is_empty());
     let fade = l.load(&packet.fade);
@@ -274,10 +274,12 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
             while l.bits(ahead) != 0 {
                 let to = bends.next(l, walk.place, [from, way], crooked);
                 let length = l.max(l.select(ahead, l.sub(to, from), zero), zero);
-                let place = walk.behind(l.fma(length, l.splat(0.5), from));
-                let part = Part::new(l, ground, (&walk.cell, exists), place);
-                let (cube, part) = (&cube, Some(&part));
-                let stretch = Stretch { cube, part, from, way: length, rate: extinction_off };
+                let middle = walk.behind(l.fma(length, l.splat(0.5), from));
+                let along = Along { from: walk.behind(from), middle, length, skew: &skew };
+                let part = Part::new(l, ground, (&walk.cell, exists), along);
+                let bend = cube.bend(l, &skew, (along.from, length));
+                let (cube, part, rate) = (&cube, Some(&part), extinction_off);
+                let stretch = Stretch { cube, bend, part, from, way: length, rate };
                 let lit = sums.lit;
                 let (parts, seen) =
                     sums.pass::<ABSORBS>(l, ground, (&walk, &terms, ahead), stretch);
@@ -290,8 +292,9 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
                 from = l.select(ahead, to, from);
             }
         } else {
-            let (cube, from) = (&cube, zero);
-            let stretch = Stretch { cube, part: None, from, way, rate: extinction_off };
+            let bend = cube.bend(l, &skew, (walk.place, way));
+            let (cube, from, rate) = (&cube, zero, extinction_off);
+            let stretch = Stretch { cube, bend, part: None, from, way, rate };
             let (parts, seen) = sums.pass::<ABSORBS>(l, ground, (&walk, &terms, active), stretch);
             count += parts;
             if has_squares {

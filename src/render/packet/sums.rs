@@ -3,7 +3,7 @@
 
 use super::bends::{Depths, Seen, crooked};
 use super::blended::{MOST_PARENTS, Part};
-use super::cube::Cube;
+use super::cube::{Bend, Cube};
 use super::rows::{load, store};
 use super::walk::Walk;
 use super::{Ground, Packet};
@@ -50,6 +50,8 @@ impl<L: Lanes> Terms<L> {
 #[derive(Clone, Copy)]
 pub(super) struct Stretch<'s, L: Lanes> {
     pub(super) cube: &'s Cube<L>,
+    /// How the level's own interpolant bends along it.
+    pub(super) bend: Bend<L>,
     /// How it is blended, beside borders of levels.
     pub(super) part: Option<&'s Part<L>>,
     /// Where it begins, from where the ray comes into the cell, and its length.
@@ -153,14 +155,13 @@ impl<L: Lanes> Gain<L> {
         l: L,
         ground: &Ground<'_>,
         (walk, terms, depth): (&Walk<L>, &Terms<L>, L::Float),
-        Stretch { cube, part, from, way, rate }: Stretch<'_, L>,
+        Stretch { cube, bend, part, from, way, rate }: Stretch<'_, L>,
         parts: u32,
     ) -> (Self, Seen<L>) {
         let share = (parts as f32).recip();
         let step = l.mul(way, l.splat(share));
         let half = l.mul(step, l.splat(0.5));
         let thickness = l.mul(step, terms.thickness);
-        let bend = cube.bend(l);
         let (mut deepest, zero) = (l.splat(0.0), l.splat(0.0));
         let open = l.mask(0);
         let mut gain = Self { light: [zero; 3], depth, lit: zero, off: [zero; 3], open };
