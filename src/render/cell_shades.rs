@@ -1,8 +1,11 @@
 //! What cells of constant value emit and absorb, worked out once for all rays: what packets look
 //! up in place of the transfer function.
 
+use super::ray_error::Change;
+use super::relief::Relief;
 use super::scaled::ScaledBlock;
 use super::transfer_pieces::PieceList;
+use super::transfer_table::two_halves;
 
 /// The cells of a brick. Its memory is reused from brick to brick.
 #[derive(Debug, Default)]
@@ -10,33 +13,40 @@ pub(super) struct CellShades {
     /// Emission (R, G, B) and extinction of each cell, relative to the transfer function's scales,
     /// x fastest, without ghosts; void cells have none. Empty where packets may not pass.
     pub(super) rows: Vec<[f32; 4]>,
+    /// What emission (upper half of the bits, relative likewise) and extinction (lower half) of each
+    /// cell may be off by, as its value is not stored exactly.
+    pub(super) storages: Vec<u32>,
 }
 
 impl CellShades {
     /// Most heap bytes for a brick of `edge` cells.
     pub(super) fn bytes(edge: usize) -> usize {
-        edge.pow(3) * size_of::<[f32; 4]>()
+        edge.pow(3) * (size_of::<[f32; 4]>() + size_of::<u32>())
     }
 
     pub(super) fn clear(&mut self) {
         self.rows.clear();
+        self.storages.clear();
     }
 
-    /// Takes the cells of `block`, whose values may be off by `reach`. Where a step of the
-    /// transfer function is as near as that to one of them, there are none: what the step may
-    /// change is a matter of single cells, which only single rays account for.
-    pub(super) fn fill(&mut self, block: &ScaledBlock, pieces: &PieceList, reach: f64) {
-        self.rows.clear();
+    /// Takes the cells of `block`, whose values are off as `relief` says. Where a step of the
+    /// transfer function is as near as that to one of them, there are none: only single rays
+    /// account for it.
+    pub(super) fn fill(&mut self, block: &ScaledBlock, pieces: &PieceList, relief: &Relief) {
+        self.clear();
         let edge = block.side - 2;
         // Exact, because the memory limit counts these bytes.
         self.rows.reserve_exact(edge.pow(3));
+        self.storages.reserve_exact(edge.pow(3));
         let scales = pieces.scales();
         for n in 0..edge * edge {
-            let first = block.at([1, n % edge + 1, n / edge + 1]);
-            for &x in &block.values[first..][..edge] {
-                if meets_step(pieces, x, reach) {
-                    return self.rows.clear();
-                }
+            let (y, z) = (n % edge, n / edge);
+            let first = block.at([1, y + 1, z + 1]);
+            for (i, &x) in block.values[first..][..edge].iter().enumerate() {
+                let reach = relief.group_at([i, y, z]).storage;
+                let Some(stored) = storage(pieces, x, reach) else { return self.clear() };
+                let off = [stored.emission / scales[0], stored.extinction / scales[1]];
+                self.storages.push(two_halves(off));
                 self.rows.push(shade(pieces, x, scales));
             }
         }
@@ -52,12 +62,17 @@ fn shade(pieces: &PieceList, x: f64, [emission, extinction]: [f64; 2]) -> [f32; 
     [r, g, b, (piece.extinction(x) / extinction) as f32]
 }
 
-/// Whether the transfer function steps within `reach` of `x`.
-fn meets_step(pieces: &PieceList, x: f64, reach: f64) -> bool {
-    let piece = pieces.at(x);
-    let is_inside = x.is_nan() || (x - reach >= piece.start && x + reach < piece.end);
-    !is_inside && {
-        let jumps = pieces.over(x - reach, x + reach).jumps;
-        jumps.emission > 0.0 || jumps.extinction > 0.0
+/// What emission and extinction at `x` may be off by, which is off by up to `reach`; none where the
+/// transfer function steps as near as that.
+fn storage(pieces: &PieceList, x: f64, reach: f64) -> Option<Change> {
+    if x.is_nan() {
+        return Some(Change::default());
     }
+    let piece = pieces.at(x);
+    if x - reach >= piece.start && x + reach < piece.end {
+        return Some(piece.steepest().times(reach));
+    }
+    let span = pieces.over(x - reach, x + reach);
+    let steps = span.jumps.emission > 0.0 || span.jumps.extinction > 0.0;
+    (!steps).then(|| span.slope.times(reach))
 }

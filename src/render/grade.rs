@@ -118,10 +118,11 @@ pub(super) struct Grades {
     /// As [`Care::share_of_cell`] has it.
     pub(super) share: f64,
     pub(super) storages: Vec<u32>,
-    /// Groups that packets march through, and what storage changes in all of them, where
-    /// `storages` is empty.
+    /// Groups that packets march through.
     pub(super) fit: usize,
-    pub(super) storage: Change,
+    /// What storage changes in all of them, where that is little; if not, it is known of each group,
+    /// or of each cell where these are constant.
+    pub(super) storage: Option<Change>,
 }
 
 impl Grades {
@@ -144,7 +145,13 @@ impl Grades {
         let fit = self.rates.iter().enumerate().filter(|(_, rate)| **rate != UNFIT);
         let storage = |group: &Group| group.span.slope.times(group.storage);
         let most = fit.fold(Change::default(), |most, (n, _)| most.max(storage(relief.group(n))));
-        self.fill_causes((relief, hides), (most, storage), transfer);
+        self.storage = Some(most).filter(|most| transfer.is_little(*most));
+        self.storages.clear();
+        if self.storage.is_none() {
+            let groups = (0..count).map(|n| pack(storage(relief.group(n)), &transfer.table));
+            self.storages.extend(groups);
+        }
+        self.fill_levels((relief, hides), transfer);
         self.reliefs.clear();
         if has_squares {
             self.reliefs.extend((0..count).map(|n| row(relief.group(n))));
@@ -166,34 +173,21 @@ impl Grades {
         self.rates.clear();
         self.rates.extend((0..relief.count()).map(most));
         self.fit = self.rates.len();
-        let storage = |group: &Group| {
-            let Group { low, high, storage, .. } = *group;
-            if low > high {
-                return Change::default();
-            }
-            transfer.close.all.over(low - storage, high + storage).slope.times(storage)
-        };
-        self.fill_causes((relief, hides), (storage(&relief.whole), storage), transfer);
+        let Group { low, high, storage, .. } = relief.whole;
+        let near = (low <= high).then(|| transfer.close.all.over(low - storage, high + storage));
+        let most = near.map_or(Change::default(), |near| near.slope.times(storage));
+        self.storage = Some(most).filter(|most| transfer.is_little(*most));
+        self.storages.clear();
+        self.fill_levels((relief, hides), transfer);
         self.reliefs.clear();
     }
 
-    /// What storage changes, `most` in all groups together, and what lies beneath.
-    fn fill_causes(
-        &mut self,
-        (relief, hides): (&Relief, bool),
-        (most, storage): (Change, impl Fn(&Group) -> Change),
-        transfer: &PacketTransfer,
-    ) {
-        let groups = || (0..relief.count()).map(|n| relief.group(n));
-        self.storage = most;
-        self.storages.clear();
-        if !transfer.is_little(most) {
-            self.storages.extend(groups().map(|group| pack(storage(group), &transfer.table)));
-            self.storage = Change::default();
-        }
+    /// What lies beneath.
+    fn fill_levels(&mut self, (relief, hides): (&Relief, bool), transfer: &PacketTransfer) {
         self.levels.clear();
         if hides {
-            self.levels.extend(groups().map(|group| pack(group.levels, &transfer.table)));
+            let groups = (0..relief.count()).map(|n| relief.group(n));
+            self.levels.extend(groups.map(|group| pack(group.levels, &transfer.table)));
         }
     }
 }

@@ -157,7 +157,7 @@ impl Packets {
         let shift = if are_constant { 0.0 } else { DUAL_SHIFT };
         let range = CellRange::of(&region, shift);
         let whole = &passage.brick.relief.whole;
-        let storage = self.grades.storage;
+        let storage = self.grades.storage.unwrap_or_default();
         let allowed = transfer.allowed.map_or(f64::INFINITY, |allowed| allowed * self.grades.share);
         let takes_wide = self.grades.is_fit_for_wide;
         let has_squares = !self.grades.reliefs.is_empty();
@@ -189,7 +189,11 @@ impl Packets {
             shades: &passage.brick.shades.rows,
             rates: &self.grades.rates,
             levels: &self.grades.levels,
-            storages: &self.grades.storages,
+            storages: match (are_constant, self.grades.storage) {
+                (true, None) => &passage.brick.shades.storages,
+                (true, Some(_)) => &[],
+                (false, _) => &self.grades.storages,
+            },
             reliefs: &self.grades.reliefs,
             reach: self.grades.reach,
             groups: passage.brick.relief.side(),

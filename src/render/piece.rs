@@ -129,10 +129,15 @@ impl Piece {
         (0..3).map(step).fold(0.0, f64::max)
     }
 
+    /// Its steepest slope.
+    pub(super) fn steepest(&self) -> Change {
+        Change { emission: self.slope[0], extinction: self.slope[1] }
+    }
+
     /// What the function does in the part of [low, high] that lies in the piece, which it reaches
     /// from below.
     pub(super) fn over(&self, low: f64, high: f64) -> Span {
-        let slope = Change { emission: self.slope[0], extinction: self.slope[1] };
+        let slope = self.steepest();
         let (left, right) = (low.max(self.start), high.min(self.end));
         let width = (right - left).max(0.0);
         let most = |x: f64| self.emission(x).into_iter().fold(0.0, f64::max);

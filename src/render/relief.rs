@@ -105,6 +105,13 @@ impl Relief {
         self.groups.get(index).unwrap_or(&self.whole)
     }
 
+    /// The group that holds a cell, or a dual cell.
+    #[inline]
+    pub(super) fn group_at(&self, cell: [usize; 3]) -> &Group {
+        let [x, y, z] = cell.map(|c| c / GROUP_EDGE);
+        self.group((z * self.side + y) * self.side + x)
+    }
+
     /// Looks at `brick`, which is prepared.
     pub(super) fn fill(
         &mut self,

@@ -222,7 +222,7 @@ impl ScaledBrick {
         let mut relief = std::mem::take(&mut self.relief);
         relief.fill(self, pieces, distance, surveyor);
         if self.is_piecewise_constant {
-            self.shades.fill(&self.blocks[0], pieces, relief.whole.storage);
+            self.shades.fill(&self.blocks[0], pieces, &relief);
         }
         self.relief = relief;
     }

@@ -209,10 +209,14 @@ fn sum_of(steps: &[(f64, [f32; 4])], counts: impl Fn(f64) -> bool) -> [f32; 4] {
     count.checked_sub(1).map_or([0.0; 4], |last| steps[last].1)
 }
 
+/// More than anything is off by, relative to the largest there is.
+const MOST_HALF: f64 = 1e38;
+
 /// Both as the upper and the lower half of the bits, of f32 and rounded up.
 pub(super) fn two_halves(values: [f64; 2]) -> u32 {
     // One more covers what is cut off, and the rounding to f32.
-    let half = |value: f64| if value == 0.0 { 0 } else { ((value as f32).to_bits() >> 16) + 1 };
+    let bits = |value: f64| (value.min(MOST_HALF) as f32).to_bits();
+    let half = |value: f64| if value == 0.0 { 0 } else { (bits(value) >> 16) + 1 };
     half(values[0]) << 16 | half(values[1])
 }
 

@@ -53,7 +53,8 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(l: L, ground: &Ground<'_>, pa
     let mut count = 0;
     while l.bits(active) != 0 {
         count += u64::from(l.bits(active).count_ones());
-        let shade = l.gather_row(ground.shades, walk.index(side));
+        let cell = walk.index(side);
+        let shade = l.gather_row(ground.shades, cell);
         let planes = walk.inner_planes();
         let exit = walk.exit(planes);
         let way = l.select(active, exit.way, zero);
@@ -95,7 +96,7 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(l: L, ground: &Ground<'_>, pa
             sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, lit, way);
         }
         if !ground.storages.is_empty() {
-            let rates = rates_at(l, ground.storages, walk.group(ground.groups), active);
+            let rates = rates_at(l, ground.storages, cell, active);
             sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, lit, way);
         }
         active = go_on::<L, ABSORBS>(l, &mut walk, &exit, active, (sums.depth, fade));

@@ -70,7 +70,7 @@ pub(super) struct Ground<'g> {
     pub(super) rates: &'g [u32],
     /// The same of what lies beneath the brick; empty where nothing does.
     pub(super) levels: &'g [u32],
-    /// The same of stored values; empty where that is little.
+    /// The same of stored values, of each cell where these are constant; empty where that is little.
     pub(super) storages: &'g [u32],
     /// Where rays stand for squares, for each group, and all in one: steepest slopes of x along each
     /// axis, half the ranges of these, the range of x, and a filler; else empty.
