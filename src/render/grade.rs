@@ -95,13 +95,6 @@ impl PacketTransfer {
         let light = self.table.extinction * self.behind.max(1.0) / self.table.emission;
         light.min(f64::from(f32::MAX)) as f32
     }
-
-    /// Whether a change is little over any way.
-    fn is_little(&self, change: Change) -> bool {
-        let Some(allowed) = self.allowed else { return true };
-        let light = change.emission.max(change.extinction * self.behind.max(1.0));
-        light * self.longest <= LITTLE * allowed
-    }
 }
 
 /// The groups of a brick, as packets see them. Its memory is reused from brick to brick.
@@ -120,9 +113,6 @@ pub(super) struct Grades {
     pub(super) storages: Vec<u32>,
     /// Groups that packets march through.
     pub(super) fit: usize,
-    /// What storage changes in all of them, where that is little; if not, it is known of each group,
-    /// or of each cell where these are constant.
-    pub(super) storage: Option<Change>,
 }
 
 impl Grades {
@@ -142,15 +132,9 @@ impl Grades {
         self.rates.clear();
         self.rates.extend((0..count).map(|n| grader.grade(relief.group(n))));
         self.fit = self.rates.iter().filter(|rate| **rate != UNFIT).count();
-        let fit = self.rates.iter().enumerate().filter(|(_, rate)| **rate != UNFIT);
         let storage = |group: &Group| group.span.slope.times(group.storage);
-        let most = fit.fold(Change::default(), |most, (n, _)| most.max(storage(relief.group(n))));
-        self.storage = Some(most).filter(|most| transfer.is_little(*most));
         self.storages.clear();
-        if self.storage.is_none() {
-            let groups = (0..count).map(|n| pack(storage(relief.group(n)), &transfer.table));
-            self.storages.extend(groups);
-        }
+        self.storages.extend((0..count).map(|n| pack(storage(relief.group(n)), &transfer.table)));
         self.fill_levels((relief, hides), transfer);
         self.reliefs.clear();
         if has_squares {
@@ -173,11 +157,6 @@ impl Grades {
         self.rates.clear();
         self.rates.extend((0..relief.count()).map(most));
         self.fit = self.rates.len();
-        let Group { low, high, storage, .. } = relief.whole;
-        let near = (low <= high).then(|| transfer.close.all.over(low - storage, high + storage));
-        let most = near.map_or(Change::default(), |near| near.slope.times(storage));
-        self.storage = Some(most).filter(|most| transfer.is_little(*most));
-        self.storages.clear();
         self.fill_levels((relief, hides), transfer);
         self.reliefs.clear();
     }

@@ -12,7 +12,7 @@ use super::lanes::{BYTE_PADDING, MOST_LANES, Width};
 use super::march::{Beam, CellRange, DUAL_SHIFT, Light, Passage, Region};
 use super::march_linear::kind;
 use super::packet::{Ground, MOST_PARENTS, Packet, Parents, UNFIT};
-use super::ray_error::{Change, RayError};
+use super::ray_error::RayError;
 use super::ray_state::RayState;
 use super::relief::GROUP_EDGE;
 use super::scaled::{ScaledBrick, dual};
@@ -57,8 +57,6 @@ struct Place<'p> {
     transfer: &'p PacketTransfer,
     /// The brick's largest extinction, 1 / code length.
     most: f64,
-    /// What stored values change.
-    storage: Change,
     /// What a cell may be off by, in the picture's own unit.
     allowed: f64,
     /// Whether rays stand for squares, and whether rays of squares wider than a cell may go in packets.
@@ -157,7 +155,6 @@ impl Packets {
         let shift = if are_constant { 0.0 } else { DUAL_SHIFT };
         let range = CellRange::of(&region, shift);
         let whole = &passage.brick.relief.whole;
-        let storage = self.grades.storage.unwrap_or_default();
         let allowed = transfer.allowed.map_or(f64::INFINITY, |allowed| allowed * self.grades.share);
         let takes_wide = self.grades.is_fit_for_wide;
         let has_squares = !self.grades.reliefs.is_empty();
@@ -169,7 +166,6 @@ impl Packets {
             light,
             transfer,
             most: whole.span.most.extinction,
-            storage,
             allowed,
             has_squares,
             takes_wide,
@@ -189,10 +185,10 @@ impl Packets {
             shades: &passage.brick.shades.rows,
             rates: &self.grades.rates,
             levels: &self.grades.levels,
-            storages: match (are_constant, self.grades.storage) {
-                (true, None) => &passage.brick.shades.storages,
-                (true, Some(_)) => &[],
-                (false, _) => &self.grades.storages,
+            storages: if are_constant {
+                &passage.brick.shades.storages
+            } else {
+                &self.grades.storages
             },
             reliefs: &self.grades.reliefs,
             reach: self.grades.reach,

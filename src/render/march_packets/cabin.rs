@@ -35,8 +35,6 @@ pub(super) struct Rider {
     pub(super) span: (f64, f64),
     /// σ per unit of t.
     pub(super) unit: f64,
-    /// t from which on the packet's sums are not the ray's yet.
-    since: f64,
     /// The square that it stands for, how far that is spread, and its account at the start.
     beam: Option<Beam>,
     spread: Spread,
@@ -92,7 +90,7 @@ impl Cabin {
                     if beam.is_some() { spread.0[a] as f32 + SLACK } else { 0.0 };
             }
             packet.turn.0[lane] = (2.0 * spread.1) as f32;
-            self.riders.push(Rider { index, ray, span, unit, since: 0.0, beam, spread, before });
+            self.riders.push(Rider { index, ray, span, unit, beam, spread, before });
         }
         single
     }
@@ -132,7 +130,6 @@ impl Cabin {
         let state = &mut film.states[rider.index];
         let seen = state.transmittance * length;
         let sum = |row: &Row| f64::from(row.0[lane]);
-        let t = self.packet.reached(lane);
         if rider.beam.is_some() {
             let error = &mut film.errors[rider.index];
             let sums = |[emission, dimmed, extinction]: [f64; 3]| Sums {
@@ -149,10 +146,7 @@ impl Cabin {
                 error.farthest = error.farthest.plus(sums(packet.farthest.each_ref().map(sum)));
                 error.uneven = error.uneven.plus(sums(packet.uneven.each_ref().map(sum)));
             }
-            let way = (t - rider.since) * length * ROUNDED_UP;
-            let lit = sum(&packet.lit) * seen * ROUNDED_UP;
-            let stored = sums(packet.stored.each_ref().map(sum));
-            error.storage = error.storage.plus(stored).plus(Sums::of(place.storage, way, lit));
+            error.storage = error.storage.plus(sums(packet.stored.each_ref().map(sum)));
         }
         let light = packet.light.each_ref().map(|row| sum(row) * seen * table.emission);
         state.gather(light);
@@ -161,10 +155,9 @@ impl Cabin {
 
     /// A lane whose sums were given to its ray begins anew.
     pub(super) fn clear(&mut self, place: &Place<'_>, lane: usize, film: &Rays<'_>) {
-        let (packet, rider) = (&mut self.packet, &mut self.riders[lane]);
+        let (packet, rider) = (&mut self.packet, &self.riders[lane]);
         let state = &film.states[rider.index];
         packet.fade.0[lane] = fade(state, place, (&rider.ray, rider.span));
-        rider.since = packet.reached(lane);
         packet.clear_lane(lane);
     }
 
@@ -214,7 +207,6 @@ impl Cabin {
         }
         let count = integrator.count;
         let reached = (walk.from - rider.span.0) / rider.unit;
-        self.riders[lane].since = reached;
         put(&mut self.packet.t, lane, split(reached));
         for a in 0..3 {
             self.packet.cell[a].0[lane] = walk.cell[a] as f32;

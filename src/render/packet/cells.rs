@@ -72,7 +72,6 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(l: L, ground: &Ground<'_>, pa
         for c in 0..3 {
             sums.light[c] = gathered.light[c].add(l, active, sums.light[c], l.mul(lit, shade[c]));
         }
-        sums.lit = l.add(sums.lit, lit);
         let own = [l.max(l.max(shade[0], shade[1]), shade[2]), shade[3]];
         let rounded = [l.mul(rounding, lit), l.mul(rounding, way)];
         sums.off = add_off::<L, ABSORBS>(l, sums.off, own, rounded[0], rounded[1]);
@@ -95,10 +94,8 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(l: L, ground: &Ground<'_>, pa
             let rates = rates_at(l, ground.levels, walk.group(ground.groups), active);
             sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, lit, way);
         }
-        if !ground.storages.is_empty() {
-            let rates = rates_at(l, ground.storages, cell, active);
-            sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, lit, way);
-        }
+        let rates = rates_at(l, ground.storages, cell, active);
+        sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, lit, way);
         active = go_on::<L, ABSORBS>(l, &mut walk, &exit, active, (sums.depth, fade));
     }
     sums.store(l, packet);

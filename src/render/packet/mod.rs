@@ -70,7 +70,7 @@ pub(super) struct Ground<'g> {
     pub(super) rates: &'g [u32],
     /// The same of what lies beneath the brick; empty where nothing does.
     pub(super) levels: &'g [u32],
-    /// The same of stored values, of each cell where these are constant; empty where that is little.
+    /// The same of stored values, of each cell where these are constant.
     pub(super) storages: &'g [u32],
     /// Where rays stand for squares, for each group, and all in one: steepest slopes of x along each
     /// axis, half the ranges of these, the range of x, and a filler; else empty.
@@ -114,9 +114,8 @@ pub(super) struct Packet {
     pub(super) light: [Row; 3],
     /// Optical depth passed.
     pub(super) depth: Row,
-    /// ∫ T dt, and what is off as [`crate::render::ray_error::Sums`] have it, per unit of t: by the
-    /// march, by levels, and by storage.
-    pub(super) lit: Row,
+    /// What is off as [`crate::render::ray_error::Sums`] have it, per unit of t: by the march, by
+    /// levels, and by storage.
     pub(super) off: [Row; 3],
     pub(super) levels: [Row; 3],
     pub(super) stored: [Row; 3],
@@ -145,7 +144,6 @@ impl Packet {
             active: 0,
             light: [Row::ZERO; 3],
             depth: Row::ZERO,
-            lit: Row::ZERO,
             off: [Row::ZERO; 3],
             levels: [Row::ZERO; 3],
             stored: [Row::ZERO; 3],
@@ -172,7 +170,6 @@ impl Packet {
     pub(super) fn clear_sums(&mut self) {
         self.light = [Row::ZERO; 3];
         self.depth = Row::ZERO;
-        self.lit = Row::ZERO;
         self.off = [Row::ZERO; 3];
         self.levels = [Row::ZERO; 3];
         self.stored = [Row::ZERO; 3];
@@ -184,7 +181,7 @@ impl Packet {
     pub(super) fn clear_lane(&mut self, lane: usize) {
         let sums = self.light.iter_mut().chain(&mut self.off).chain(&mut self.levels);
         let sums = sums.chain(&mut self.stored).chain(&mut self.farthest).chain(&mut self.uneven);
-        for row in sums.chain([&mut self.depth, &mut self.lit]) {
+        for row in sums.chain([&mut self.depth]) {
             row.0[lane % MOST_LANES] = 0.0;
         }
     }
@@ -260,7 +257,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
         // The rates of lanes that are not active may be no numbers.
         let emission_off = l.select(active, l.upper_half(bits), zero);
         let extinction_off = l.select(active, l.lower_half(bits), zero);
-        let before = sums.lit;
+        let mut lit = zero;
         let shift = if has_squares {
             squares.shift(l, ground, (&walk, way, group), BLENDED)
         } else {
@@ -280,14 +277,12 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
                 let bend = cube.bend(l, &skew, (along.from, length));
                 let (cube, part, rate) = (&cube, Some(&part), extinction_off);
                 let stretch = Stretch { cube, bend, part, from, way: length, rate };
-                let lit = sums.lit;
-                let (parts, seen) =
-                    sums.pass::<ABSORBS>(l, ground, (&walk, &terms, ahead), stretch);
-                count += parts;
+                let passed = sums.pass::<ABSORBS>(l, ground, (&walk, &terms, ahead), stretch);
+                count += passed.count;
                 if has_squares {
-                    let lit = l.sub(sums.lit, lit);
-                    shift.add::<ABSORBS>(l, ground, packet, (&seen, lit, length), ahead);
+                    shift.add::<ABSORBS>(l, ground, packet, (&passed, length), ahead);
                 }
+                lit = l.add(lit, passed.lit);
                 ahead = l.and(ahead, is_less(l, to, way));
                 from = l.select(ahead, to, from);
             }
@@ -295,23 +290,20 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
             let bend = cube.bend(l, &skew, (walk.place, way));
             let (cube, from, rate) = (&cube, zero, extinction_off);
             let stretch = Stretch { cube, bend, part: None, from, way, rate };
-            let (parts, seen) = sums.pass::<ABSORBS>(l, ground, (&walk, &terms, active), stretch);
-            count += parts;
+            let passed = sums.pass::<ABSORBS>(l, ground, (&walk, &terms, active), stretch);
+            count += passed.count;
             if has_squares {
-                let lit = l.sub(sums.lit, before);
-                shift.add::<ABSORBS>(l, ground, packet, (&seen, lit, way), active);
+                shift.add::<ABSORBS>(l, ground, packet, (&passed, way), active);
             }
+            lit = passed.lit;
         }
-        let lit = l.sub(sums.lit, before);
         sums.off = add_off::<L, ABSORBS>(l, sums.off, [emission_off, extinction_off], lit, way);
         if !ground.levels.is_empty() {
             let rates = rates_at(l, ground.levels, group, active);
             sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, lit, way);
         }
-        if !ground.storages.is_empty() {
-            let rates = rates_at(l, ground.storages, group, active);
-            sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, lit, way);
-        }
+        let rates = rates_at(l, ground.storages, group, active);
+        sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, lit, way);
         active = go_on::<L, ABSORBS>(l, &mut walk, &exit, active, (sums.depth, fade));
     }
     sums.store(l, packet);

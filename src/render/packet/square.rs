@@ -3,8 +3,9 @@
 #![allow(clippy::needless_range_loop)]
 
 use super::Ground;
-use super::bends::{Seen, kinks_between, slopes_near};
+use super::bends::{kinks_between, slopes_near};
 use super::rows::{distance, load, store};
+use super::sums::Passed;
 use super::walk::Walk;
 use super::{Packet, SLACK};
 use crate::render::lanes::Lanes;
@@ -163,17 +164,17 @@ impl<L: Lanes> Shift<L> {
         Self { most: l.splat(0.0), uneven: l.splat(0.0), range: l.splat(0.0) }
     }
 
-    /// Adds what rays of the squares see differently over a stretch of `way`, of which `lit` is
-    /// seen, and along which x is as `seen` says.
+    /// Adds what rays of the squares see differently over a stretch of `way` that was passed.
     #[inline(always)]
     pub(super) fn add<const ABSORBS: bool>(
         &self,
         l: L,
         ground: &Ground<'_>,
         packet: &mut Packet,
-        (seen, lit, way): (&Seen<L>, L::Float, L::Float),
+        (Passed { seen, lit, .. }, way): (&Passed<L>, L::Float),
         active: L::Mask,
     ) {
+        let lit = *lit;
         let reach = l.add(self.most, l.splat(ground.reach));
         let half = l.add(l.min(seen.half, self.range), reach);
         let [curved, slope, fade, _] = slopes_near(l, ground, seen.middle, half);

@@ -26,7 +26,6 @@ pub(super) const DARK: f32 = 80.0;
 pub(super) struct Sums<L: Lanes> {
     pub(super) light: [L::Float; 3],
     pub(super) depth: L::Float,
-    pub(super) lit: L::Float,
     pub(super) off: [L::Float; 3],
     pub(super) levels: [L::Float; 3],
     pub(super) stored: [L::Float; 3],
@@ -61,13 +60,22 @@ pub(super) struct Stretch<'s, L: Lanes> {
     pub(super) rate: L::Float,
 }
 
+/// A stretch that was passed.
+pub(super) struct Passed<L: Lanes> {
+    /// In how many parts, of all active rays.
+    pub(super) count: u64,
+    /// What x is along it.
+    pub(super) seen: Seen<L>,
+    /// ∫ T dt over it.
+    pub(super) lit: L::Float,
+}
+
 impl<L: Lanes> Sums<L> {
     #[inline(always)]
     pub(super) fn load(l: L, packet: &Packet) -> Self {
         Self {
             light: load(l, &packet.light),
             depth: l.load(&packet.depth),
-            lit: l.load(&packet.lit),
             off: load(l, &packet.off),
             levels: load(l, &packet.levels),
             stored: load(l, &packet.stored),
@@ -81,11 +89,9 @@ impl<L: Lanes> Sums<L> {
         store(l, &self.levels, &mut packet.levels);
         store(l, &self.stored, &mut packet.stored);
         l.store(self.depth, &mut packet.depth);
-        l.store(self.lit, &mut packet.lit);
     }
 
-    /// Passes a stretch, in as many equal parts as it takes to be off by little. Returns how many
-    /// these are of all `active` rays, and what x is along it.
+    /// Passes a stretch, in as many equal parts as it takes to be off by little.
     #[inline(always)]
     pub(super) fn pass<const ABSORBS: bool>(
         &mut self,
@@ -93,7 +99,7 @@ impl<L: Lanes> Sums<L> {
         ground: &Ground<'_>,
         (walk, terms, active): (&Walk<L>, &Terms<L>, L::Mask),
         stretch: Stretch<'_, L>,
-    ) -> (u64, Seen<L>) {
+    ) -> Passed<L> {
         let mut parts = 1;
         let mut count = u64::from(l.bits(active).count_ones());
         let depth = self.depth;
@@ -108,7 +114,7 @@ impl<L: Lanes> Sums<L> {
             open = l.and(open, finer.open);
         }
         self.add::<ABSORBS>(l, &gain);
-        (count, seen)
+        Passed { count, seen, lit: gain.lit }
     }
 
     #[inline(always)]
@@ -119,7 +125,6 @@ impl<L: Lanes> Sums<L> {
                 self.off[n] = l.add(self.off[n], gain.off[n]);
             }
         }
-        self.lit = l.add(self.lit, gain.lit);
         self.depth = gain.depth;
     }
 }
