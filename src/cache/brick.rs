@@ -107,6 +107,11 @@ impl BrickShape {
         }
     }
 
+    /// Of the same space in cells twice as wide.
+    pub(crate) fn coarser(self) -> Self {
+        Self { edge: self.edge / 2 }
+    }
+
     /// Cells along an edge, without ghosts.
     pub fn edge(self) -> usize {
         self.edge as usize

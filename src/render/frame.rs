@@ -93,10 +93,30 @@ impl Frame {
         }
     }
 
-    /// Where the box of `size_cells`³ cells at the brick's lowest corner may be seen: every ray
-    /// that meets it has its (P, Q) within (infinite where the box meets the eye's plane). `None`
-    /// where it lies behind the eye.
-    pub fn footprint(&self, size_cells: f64) -> Option<Footprint> {
+    /// The same in cells twice as wide.
+    pub(super) fn coarser(&self) -> Self {
+        Self {
+            anchor: self.anchor * 0.5,
+            cells_per_unit: self.cells_per_unit * 0.5,
+            cell_width: self.cell_width * 2.0,
+            ..*self
+        }
+    }
+
+    /// Whether rays that cross the plane where coordinate `a` is `plane` come from above. Where the
+    /// eye is as close to it as rounding they cross it within the same.
+    pub(super) fn meets_upper_first(&self, a: usize, plane: f64) -> bool {
+        let forward = self.basis.forward[a];
+        if !self.is_perspective {
+            return forward < 0.0;
+        }
+        self.anchor[a] - self.depth * forward / self.cell_width[a] >= plane
+    }
+
+    /// Where the box between two places, in the brick's cells from its lowest corner, may be seen:
+    /// every ray that meets it has its (P, Q) within (infinite where the box meets the eye's
+    /// plane). `None` where it lies behind the eye.
+    pub fn footprint(&self, lo: DVec3, hi: DVec3) -> Option<Footprint> {
         let Basis { forward, right, up } = self.basis;
         let mut seen = Footprint {
             plane_lo: DVec2::INFINITY,
@@ -106,7 +126,7 @@ impl Frame {
         };
         let mut reach = 0.0_f64;
         let offsets: [DVec3; 8] = std::array::from_fn(|octant| {
-            let upper = |a: usize| if octant >> a & 1 == 1 { size_cells } else { 0.0 };
+            let upper = |a: usize| if octant >> a & 1 == 1 { hi[a] } else { lo[a] };
             (DVec3::new(upper(0), upper(1), upper(2)) - self.anchor) * self.cell_width
         });
         for offset in offsets {

@@ -1,5 +1,7 @@
 //! What a ray's account says of its square, against all rays of it.
 
+use glam::DVec3;
+
 use proptest::prelude::*;
 
 use super::frame::{Footprint, Frame};
@@ -77,7 +79,12 @@ impl<'s> Stage<'s> {
             let corner = data.domain.cell_corner(level as i32, at.map(|c| c * EDGE));
             let frame = view.frame(&corner, level as i32, EDGE as f64);
             let region = region(data, level, *at, bricks.len() == 1);
-            Some(Part { brick, region, frame, footprint: frame.footprint(EDGE as f64)? })
+            Some(Part {
+                brick,
+                region,
+                frame,
+                footprint: frame.footprint(DVec3::ZERO, DVec3::splat(EDGE as f64))?,
+            })
         };
         let parts = order.iter().filter_map(part).collect();
         let size =

@@ -21,24 +21,24 @@ pub(super) fn march_linear(
     integrator: &mut Integrator<'_>,
     ledger: &mut Option<Ledger<'_>>,
 ) {
-    let CellRange { lo, hi } = CellRange::of(region, DUAL_SHIFT);
-    let mut walk = Walk::new(ray, span, DUAL_SHIFT, lo, hi);
+    let range = CellRange::of(region, DUAL_SHIFT);
+    let mut walk = Walk::new(ray, span, DUAL_SHIFT, range.lo, range.hi);
     let mut rungs = Vec::new();
     while let Some(step) = walk.next() {
         if integrator.is_faded() {
             break;
         }
-        pass_dual_cell((brick, drawn), ray, &step, &mut rungs, integrator, ledger);
+        pass_dual_cell((brick, drawn, &range), ray, &step, &mut rungs, integrator, ledger);
     }
     if let Some(ledger) = ledger {
         ledger.close(integrator);
     }
 }
 
-/// The way through one dual cell.
+/// The way through one dual cell, of those in `range`.
 #[inline]
 pub(super) fn pass_dual_cell(
-    (brick, drawn): (&ScaledBrick, DrawnNeighbours),
+    (brick, drawn, range): (&ScaledBrick, DrawnNeighbours, &CellRange),
     ray: &LocalRay,
     step: &Step,
     rungs: &mut Vec<Rung>,
@@ -61,24 +61,28 @@ pub(super) fn pass_dual_cell(
         let (touching, beyond) = if ledger.is_wide() {
             (1.0, [0.0; 3])
         } else {
-            (touching(&touch, brick, step, kind), beyond(&touch))
+            (touching(&touch, (brick, range), step, kind), beyond(&touch))
         };
         ledger.leave(touching, beyond, integrator);
     }
 }
 
-/// The share of a stretch along which rays of the square may be beyond the brick's face, or
-/// where weights beside a border of levels bend.
+/// The share of a stretch along which rays of the square may be beyond a face of what is drawn of
+/// the brick, or where weights beside a border of levels bend.
 #[inline]
-fn touching(touch: &Touch, brick: &ScaledBrick, step: &Step, kind: u8) -> f64 {
+fn touching(
+    touch: &Touch,
+    (brick, range): (&ScaledBrick, &CellRange),
+    step: &Step,
+    kind: u8,
+) -> f64 {
     if kind != dual::PLAIN {
         // With more than one ancestor weights bend at more places than these.
         let simple = brick.used <= 2;
         return if simple { touch.faces() + touch.middles() + touch.diagonals() } else { 1.0 };
     }
-    let edge = brick.edge as i32;
     let ends = |a: usize| {
-        let is_at_face = step.cell[a] == 0 || step.cell[a] == edge;
+        let is_at_face = step.cell[a] == range.lo[a] || step.cell[a] == range.hi[a];
         if is_at_face { touch.plane(a, 0.5) } else { 0.0 }
     };
     ends(0) + ends(1) + ends(2)

@@ -28,12 +28,13 @@ mod ledger;
 #[cfg(test)]
 mod ledger_tests;
 pub mod load;
-pub mod march;
+mod march;
 mod march_cell;
 mod march_linear;
 mod march_packets;
 #[cfg(test)]
 mod march_tests;
+pub mod margin;
 pub mod memory;
 mod packet;
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use super::cell_shades::CellShades;
 use super::fill::{Above, fill_holes, fill_outside};
 use super::lanes::BYTE_PADDING;
+use super::margin::Core;
 use super::packet::MOST_PARENTS;
 use super::relief::{Distance, Relief};
 use super::steepness::Surveyor;
@@ -47,6 +48,18 @@ impl ScaledBlock {
     #[inline]
     pub(super) fn at(&self, [x, y, z]: [usize; 3]) -> usize {
         (z * self.side + y) * self.side + x
+    }
+
+    /// Becomes as another is.
+    fn copy(&mut self, other: &Self) {
+        self.side = other.side;
+        self.values.clear();
+        self.states.clear();
+        self.values.reserve_exact(other.values.len());
+        self.states.reserve_exact(other.states.len());
+        self.values.extend_from_slice(&other.values);
+        self.states.extend_from_slice(&other.states);
+        (self.corner, self.scale) = (other.corner, other.scale);
     }
 
     fn load(&mut self, raw: &Block, mapping: impl Fn(&[f32], &mut [f64])) {
@@ -158,6 +171,10 @@ pub struct ScaledBrick {
     pub(super) relief: Relief,
     /// Whether `prepare` was asked for `cell`.
     is_piecewise_constant: bool,
+    /// Where holes do not reach, and the brick as the next coarser level has it, which takes the
+    /// rest; its memory is kept where a brick does not need it.
+    core: Option<Core>,
+    coarse: Option<Box<Self>>,
 }
 
 impl ScaledBrick {
@@ -168,6 +185,18 @@ impl ScaledBrick {
 
     /// Most heap bytes that a brick of `shape` with `blocks` blocks takes.
     pub fn bytes(shape: BrickShape, blocks: usize, interpolation: Interpolation) -> u64 {
+        let has_coarse = interpolation == Interpolation::Linear && blocks > 1;
+        let coarse = if has_coarse {
+            size_of::<Self>() as u64
+                + Self::bytes_of_one(shape.coarser(), blocks - 1, interpolation)
+        } else {
+            0
+        };
+        Self::bytes_of_one(shape, blocks, interpolation) + coarse
+    }
+
+    /// The same without the next coarser level.
+    fn bytes_of_one(shape: BrickShape, blocks: usize, interpolation: Interpolation) -> u64 {
         let heads = blocks.max(4).next_power_of_two() * size_of::<ScaledBlock>();
         let values = match interpolation {
             Interpolation::Cell => {
@@ -197,18 +226,29 @@ impl ScaledBrick {
         interpolation: Interpolation,
     ) -> Result<()> {
         check(raw, place, header.shape)?;
-        self.edge = header.shape.edge();
-        self.edge_bits = self.edge.trailing_zeros();
-        self.is_piecewise_constant = interpolation == Interpolation::Cell;
-        self.duals.clear();
-        self.shades.clear();
-        self.relief.clear();
-        self.narrow.iter_mut().for_each(NarrowBlock::clear);
+        self.reset(header.shape.edge(), interpolation);
         match interpolation {
             Interpolation::Cell => self.load_cells(raw, mapping),
             Interpolation::Linear => self.load_linear(raw, place, header, mapping),
         }
         Ok(())
+    }
+
+    /// Where its own level lies, and the brick as the next coarser level has it, to be drawn where
+    /// that one does not; none where it lies everywhere.
+    pub(super) fn margin(&self) -> Option<(&Core, &Self)> {
+        self.core.as_ref().zip(self.coarse.as_deref())
+    }
+
+    fn reset(&mut self, edge: usize, interpolation: Interpolation) {
+        self.edge = edge;
+        self.edge_bits = edge.trailing_zeros();
+        self.is_piecewise_constant = interpolation == Interpolation::Cell;
+        self.duals.clear();
+        self.shades.clear();
+        self.relief.clear();
+        self.narrow.iter_mut().for_each(NarrowBlock::clear);
+        self.core = None;
     }
 
     /// Finds out how far values differ near any place of the brick, which is prepared, and what
@@ -225,6 +265,11 @@ impl ScaledBrick {
             self.shades.fill(&self.blocks[0], pieces, &relief);
         }
         self.relief = relief;
+        if let Some(coarse) = self.coarse.as_mut().filter(|_| self.core.is_some()) {
+            // Nothing lies beneath.
+            let distance = Distance { residual: 0.0, child_mask: 0, ..*distance };
+            coarse.survey(pieces, &distance, surveyor);
+        }
     }
 
     /// Whether the values are constant in each cell, as in `cell`.
@@ -257,7 +302,7 @@ impl ScaledBrick {
                 let mut states = [0; BrickShape::MOST_CELLS];
                 for x in 0..edge {
                     (stored[x], states[x]) = match own.states[first + x] {
-                        0 => owner(raw, [x, y, z], bits),
+                        0 => owner(&raw.blocks, [x, y, z], bits),
                         states => (own.values[first + x], states),
                     };
                 }
@@ -298,6 +343,28 @@ impl ScaledBrick {
             let octree = place.octree.saturating_sub_unsigned(shift);
             fill_outside(block, first, cells_of(header, octree));
         }
+        let core = Core::of(&self.blocks[0], self.edge);
+        if self.used > 1 && !core.is_all(self.edge) {
+            let coarse = self.coarse.get_or_insert_default();
+            coarse.load_coarser(self.edge / 2, &self.blocks[1..self.used], &raw.blocks[1..]);
+            self.core = Some(core);
+        }
+        self.complete(&raw.blocks);
+    }
+
+    /// Becomes a brick of the next coarser level over the same space.
+    fn load_coarser(&mut self, edge: usize, blocks: &[ScaledBlock], raw: &[Block]) {
+        self.reset(edge, Interpolation::Linear);
+        self.reserve(blocks.len());
+        for (own, block) in self.blocks.iter_mut().zip(blocks) {
+            own.copy(block);
+            own.scale *= 2.0;
+        }
+        self.complete(raw);
+    }
+
+    /// Finds out what follows from the blocks' values.
+    fn complete(&mut self, raw: &[Block]) {
         self.mark_holes(raw);
         self.mark_duals();
         let has_borders = !self.duals.is_empty();
@@ -308,7 +375,7 @@ impl ScaledBrick {
     }
 
     /// Gives holes their owner's VOID bit.
-    fn mark_holes(&mut self, raw: &RawBrick) {
+    fn mark_holes(&mut self, raw: &[Block]) {
         let (edge, bits) = (self.edge, self.edge_bits);
         let block = &mut self.blocks[0];
         if !block.states.contains(&0) {
@@ -357,8 +424,8 @@ impl ScaledBrick {
 
 /// Stored value and state of the nearest ancestor's cell that exists where the brick's cell is a
 /// hole.
-fn owner(raw: &RawBrick, cell: [usize; 3], edge_bits: u32) -> (f32, u8) {
-    for (up, block) in raw.blocks.iter().enumerate().skip(1) {
+fn owner(raw: &[Block], cell: [usize; 3], edge_bits: u32) -> (f32, u8) {
+    for (up, block) in raw.iter().enumerate().skip(1) {
         // Beyond the brick's own size its whole block is one cell.
         let [x, y, z] = cell.map(|c| if up <= edge_bits as usize { c >> up } else { 0 });
         let at = block.at(x + 1, y + 1, z + 1);

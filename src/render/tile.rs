@@ -8,6 +8,7 @@ use super::interpolant::DrawnNeighbours;
 use super::lanes::MOST_LANES;
 use super::march::{Beam, Light, Passage, march};
 use super::march_packets::{Packets, Passenger, Rays};
+use super::margin::{Part, parts};
 use super::ray_error::RayError;
 use super::ray_state::RayState;
 use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
@@ -152,35 +153,49 @@ impl Tile {
         (accounts, care): (bool, Care),
     ) -> u64 {
         let passage = Passage { brick, region: step.region, drawn, hides: step.hides };
-        let diagonal = step.frame.cell_width.length();
+        let parts = parts(&passage, &step.frame, &step.footprint);
+        let draw =
+            |part: &Part<'_>| self.draw_part(part, &step.pixels, (light, grid), (accounts, care));
+        parts.iter().map(draw).sum()
+    }
+
+    /// Marches the rays in `pixels` through a part of a brick.
+    fn draw_part(
+        &mut self,
+        Part { passage, frame, footprint }: &Part<'_>,
+        pixels: &PixelRect,
+        (light, grid): (&Light<'_>, &PixelGrid),
+        (accounts, care): (bool, Care),
+    ) -> u64 {
+        let diagonal = frame.cell_width.length();
         let has_squares = accounts && self.has_area;
-        let in_packets = self.packets.enter(&passage, light, (diagonal, care), has_squares);
-        let covered = grid.covered(&step.footprint);
+        let in_packets = self.packets.enter(passage, light, (diagonal, care), has_squares);
+        let covered = grid.covered(footprint);
         let mut samples = 0;
-        for row in step.pixels.rows() {
-            let range = self.row(&step.pixels, row);
+        for row in pixels.rows() {
+            let range = self.row(&pixels, row);
             let mut at = range.start;
             while let Some(index) = self.next_alive(at..range.end) {
                 at = index + 1;
                 let [plane, half] = self.planes[index];
-                if !meets(&step.footprint, plane, half) {
+                if !meets(footprint, plane, half) {
                     continue;
                 }
-                let ray = step.frame.ray(plane);
+                let ray = frame.ray(plane);
                 let beam = accounts.then(|| {
                     if !self.has_area {
-                        return Beam::alone(step.frame.depth);
+                        return Beam::alone(frame.depth);
                     }
                     let share = covered / grid.weight(&self.squares[index]);
-                    beam(&step.frame, &ray, half, share)
+                    beam(frame, &ray, half, share)
                 });
                 self.boarding.push(Passenger { index, ray, beam });
                 if !in_packets || self.boarding.len() == self.packets.count() {
-                    samples += self.depart(&passage, light, in_packets);
+                    samples += self.depart(passage, light, in_packets);
                 }
             }
         }
-        samples + self.depart(&passage, light, in_packets)
+        samples + self.depart(passage, light, in_packets)
     }
 
     /// Marches the rays that wait.

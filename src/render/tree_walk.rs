@@ -1,7 +1,7 @@
 //! The walk of the tree: which pieces of which bricks are drawn in a window of the picture,
 //! front to back, from index records alone.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 use super::census::{Fate, Tally};
 use super::cut::{Cut, ErrorCut};
@@ -174,7 +174,9 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         let subtree = record.descendants.saturating_add(1);
         let edge = self.scenery.header.shape.edge() as f64;
         let frame = self.scenery.frame(&place, None);
-        let seen = frame.footprint(edge).map(|seen| (self.pixels_of(&seen), seen));
+        let seen = frame
+            .footprint(DVec3::ZERO, DVec3::splat(edge))
+            .map(|seen| (self.pixels_of(&seen), seen));
         let Some((pixels, footprint)) = seen.filter(|(pixels, _)| !pixels.is_empty()) else {
             self.tally.count(Fate::OutOfView, subtree);
             return Ok(None);
@@ -237,7 +239,8 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
     fn own_octant(&mut self, octant: u8, needed: &impl Fn(&PixelRect) -> f64) -> Option<Step> {
         let half = self.scenery.header.shape.edge() as f64 / 2.0;
         let place = self.stack.last()?.request.place;
-        let footprint = self.scenery.frame(&place, Some(octant)).footprint(half)?;
+        let frame = self.scenery.frame(&place, Some(octant));
+        let footprint = frame.footprint(DVec3::ZERO, DVec3::splat(half))?;
         let pixels = self.pixels_of(&footprint);
         if pixels.is_empty() {
             return None;

@@ -252,7 +252,7 @@ proptest! {
         if !seen || plane.x.abs() > view.plane_half_size().x || plane.y.abs() > view.plane_half_size().y {
             return Ok(());
         }
-        let footprint = frame.footprint(8.0).unwrap();
+        let footprint = frame.footprint(DVec3::ZERO, DVec3::splat(8.0)).unwrap();
         let (error, size) = (DVec2::splat(1e-9), 1e-9);
         prop_assert!((footprint.plane_lo - error).cmple(plane).all());
         prop_assert!((footprint.plane_hi + error).cmpge(plane).all());

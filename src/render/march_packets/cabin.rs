@@ -185,7 +185,7 @@ impl Cabin {
             }
             let (step, has_next) = walk.step();
             if step.from < step.to {
-                let passage = (passage.brick, passage.drawn);
+                let passage = (passage.brick, passage.drawn, range);
                 pass_dual_cell(
                     passage,
                     &rider.ray,

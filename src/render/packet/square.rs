@@ -83,11 +83,8 @@ impl<L: Lanes> Squares<L> {
             bent = l.fma(l.mul(uneven[a], l.splat(2.0)), l.add(lower, upper), bent);
         }
         let ends = [from, to];
-        let touching = if blended {
-            self.touches(l, ground, ends)
-        } else {
-            self.leaves(l, (walk, ground.side - 2), ends)
-        };
+        let touching =
+            if blended { self.touches(l, ground, ends) } else { self.leaves(l, walk, ends) };
         let half_most = l.mul(most, half);
         let parted = l.mul(half_most, l.min(touching, one));
         let uneven = l.min(half_most, l.add(parted, bent));
@@ -107,17 +104,12 @@ impl<L: Lanes> Squares<L> {
         l.mul(squares, self.twelfth[a])
     }
 
-    /// The share of the way along which rays may be beyond the brick's faces.
+    /// The share of the way along which rays may be beyond the faces of what is drawn of the brick.
     #[inline(always)]
-    fn leaves(
-        &self,
-        l: L,
-        (walk, last): (&Walk<L>, usize),
-        [from, to]: [[L::Float; 3]; 2],
-    ) -> L::Float {
+    fn leaves(&self, l: L, walk: &Walk<L>, [from, to]: [[L::Float; 3]; 2]) -> L::Float {
         let mut sum = l.splat(0.0);
         for a in 0..3 {
-            let inside = walk.is_inside(a, last);
+            let inside = walk.is_inside(a);
             if l.bits(l.without(l.mask(!0), inside)) != 0 {
                 let half = l.splat(0.5);
                 let ends = [l.sub(from[a], half), l.sub(to[a], half)];

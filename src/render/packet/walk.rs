@@ -138,13 +138,12 @@ impl<L: Lanes> Walk<L> {
         place
     }
 
-    /// Whether the dual cell is neither the first nor the last of the brick's, `last`, along an
-    /// axis.
+    /// Whether the dual cell is neither the first nor the last that is drawn along an axis.
     #[inline(always)]
-    pub(super) fn is_inside(&self, a: usize, last: usize) -> L::Mask {
-        let l = self.l;
-        let above = l.is_at_most(l.splat(1.0), self.cell[a]);
-        l.and(above, l.is_at_most(self.cell[a], l.splat(last as f32 - 1.0)))
+    pub(super) fn is_inside(&self, a: usize) -> L::Mask {
+        let (l, one) = (self.l, self.l.splat(1.0));
+        let above = l.is_at_most(l.add(self.lo[a], one), self.cell[a]);
+        l.and(above, l.is_at_most(self.cell[a], l.sub(self.hi[a], one)))
     }
 
     /// The number of the cell in an array of `side` along each axis.

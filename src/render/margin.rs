@@ -1,0 +1,122 @@
+//! What of a brick its own level does not fill: there the next coarser level is all there is, and
+//! rays go through that one's cells, half as many and without borders.
+//!
+//! A place whose cell does not exist has the coarser levels' interpolant, as if the level were not
+//! there (`render/interpolant.rs`). So the brick's box is cut at the faces of the smallest box that
+//! holds all cells that exist, and what lies around it is drawn as a brick of the coarser level.
+
+use super::frame::{Footprint, Frame};
+use super::interpolant::DrawnNeighbours;
+use super::march::{Passage, Region};
+use super::scaled::ScaledBlock;
+
+/// The smallest box of whole coarser cells that holds all cells that exist, in the brick's cells:
+/// lowest, and behind the highest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Core {
+    pub(super) lo: [usize; 3],
+    pub(super) hi: [usize; 3],
+}
+
+impl Core {
+    /// Of a brick of `edge` cells whose holes are not marked yet.
+    pub(super) fn of(block: &ScaledBlock, edge: usize) -> Self {
+        let mut core = Self { lo: [edge; 3], hi: [0; 3] };
+        for z in 0..edge {
+            for y in 0..edge {
+                let row = &block.states[block.at([1, y + 1, z + 1])..][..edge];
+                let exists = |bits: &u8| *bits != 0;
+                let Some(first) = row.iter().position(exists) else { continue };
+                let last = row.iter().rposition(exists).unwrap_or(first);
+                core.take([first, y, z]);
+                core.take([last, y, z]);
+            }
+        }
+        core
+    }
+
+    /// Takes in a cell, and its neighbours in the coarser one.
+    fn take(&mut self, cell: [usize; 3]) {
+        for a in 0..3 {
+            self.lo[a] = self.lo[a].min(cell[a] & !1);
+            self.hi[a] = self.hi[a].max((cell[a] | 1) + 1);
+        }
+    }
+
+    /// Whether all of a brick of `edge` cells is in it.
+    pub(super) fn is_all(&self, edge: usize) -> bool {
+        *self == Self { lo: [0; 3], hi: [edge; 3] }
+    }
+}
+
+/// A box of one level's cells within a brick, and the camera as it sees it.
+pub(super) struct Part<'b> {
+    pub(super) passage: Passage<'b>,
+    pub(super) frame: Frame,
+    pub(super) footprint: Footprint,
+}
+
+/// The parts that rays pass in what a passage draws, front to back, whatever the ray. All of it is
+/// seen within `footprint`.
+pub(super) fn parts<'b>(
+    passage: &Passage<'b>,
+    frame: &Frame,
+    footprint: &Footprint,
+) -> Vec<Part<'b>> {
+    let Some((core, coarse)) = passage.brick.margin() else {
+        return vec![Part { passage: *passage, frame: *frame, footprint: *footprint }];
+    };
+    let around = Passage { brick: coarse, drawn: DrawnNeighbours::ALL, hides: false, ..*passage };
+    let wide = frame.coarser();
+    let (before, rest, behind) = cut(passage.region, core, frame);
+    let part = |region: Region, is_core: bool| {
+        let footprint = frame.footprint(region.lo.into(), region.hi.into())?;
+        Some(if is_core {
+            Part { passage: Passage { region, ..*passage }, frame: *frame, footprint }
+        } else {
+            let region = halved(&region);
+            Part { passage: Passage { region, ..around }, frame: wide, footprint }
+        })
+    };
+    let outside = |region| part(region, false);
+    let mut parts: Vec<_> = before.into_iter().filter_map(outside).collect();
+    parts.extend(rest.and_then(|region| part(region, true)));
+    parts.extend(behind.into_iter().rev().filter_map(outside));
+    parts
+}
+
+/// Cuts a region at the faces of `core`: what lies before the core's part of it, that part, and what
+/// lies behind, farthest first.
+fn cut(region: Region, core: &Core, frame: &Frame) -> (Vec<Region>, Option<Region>, Vec<Region>) {
+    let (mut before, mut behind) = (Vec::new(), Vec::new());
+    let mut rest = region;
+    for a in 0..3 {
+        for (plane, core_is_upper) in [(core.lo[a], true), (core.hi[a], false)] {
+            let plane = plane as f64;
+            let upper_first = frame.meets_upper_first(a, plane);
+            let aside = if core_is_upper { plane > rest.lo[a] } else { plane < rest.hi[a] };
+            if !aside {
+                continue;
+            }
+            let all_aside = if core_is_upper { plane >= rest.hi[a] } else { plane <= rest.lo[a] };
+            if all_aside {
+                before.push(rest);
+                return (before, None, behind);
+            }
+            let (mut lower, mut upper) = (rest, rest);
+            (lower.hi[a], upper.lo[a]) = (plane, plane);
+            lower.ends &= !(0b1000 << a);
+            upper.ends &= !(1 << a);
+            let (kept, other) = if core_is_upper { (upper, lower) } else { (lower, upper) };
+            if upper_first == core_is_upper { &mut behind } else { &mut before }.push(other);
+            rest = kept;
+        }
+    }
+    (before, Some(rest), behind)
+}
+
+/// The same in cells twice as wide.
+fn halved(region: &Region) -> Region {
+    let half = |corner: [f64; 3]| corner.map(|x| 0.5 * x);
+    Region { lo: half(region.lo), hi: half(region.hi), ends: region.ends }
+}
