@@ -18,8 +18,9 @@ pub struct Frame {
     pub(super) cells_per_unit: f64,
     /// Depth of that point, code length from the eye along the view direction.
     pub(super) depth: f64,
-    /// Width of the brick's cells, code length.
+    /// Width of the brick's cells, code length; and how many there are to it.
     pub(super) cell_width: DVec3,
+    pub(super) cells_per_length: DVec3,
     pub(super) basis: Basis,
     pub(super) is_perspective: bool,
 }
@@ -61,15 +62,15 @@ impl Frame {
         let mut ray = if self.is_perspective {
             let along = forward + aside;
             LocalRay {
-                origin: self.anchor + aside * self.depth / self.cell_width,
-                direction: along / self.cell_width,
+                origin: self.anchor + aside * self.depth * self.cells_per_length,
+                direction: along * self.cells_per_length,
                 length: along.length(),
                 sigma_min: -self.depth,
             }
         } else {
             LocalRay {
-                origin: self.anchor + aside / self.cell_width,
-                direction: forward / self.cell_width,
+                origin: self.anchor + aside * self.cells_per_length,
+                direction: forward * self.cells_per_length,
                 length: 1.0,
                 sigma_min: f64::NEG_INFINITY,
             }
@@ -99,6 +100,7 @@ impl Frame {
             anchor: self.anchor * 0.5,
             cells_per_unit: self.cells_per_unit * 0.5,
             cell_width: self.cell_width * 2.0,
+            cells_per_length: self.cells_per_length * 0.5,
             ..*self
         }
     }

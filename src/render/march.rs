@@ -95,6 +95,11 @@ impl Beam {
     pub(super) fn alone(depth: f64) -> Self {
         Self { spread: [0.0; 3], angle: 0.0, advance: [0.0; 3], depth, covered: 1.0 }
     }
+
+    /// Whether the ray stands for others.
+    pub(super) fn is_square(&self) -> bool {
+        self.spread != [0.0; 3]
+    }
 }
 
 impl Passage<'_> {
@@ -165,7 +170,7 @@ pub(super) fn arrive(
     beam: &Beam,
     (state, error): (&RayState, &mut RayError),
 ) -> Spread {
-    if beam.spread == [0.0; 3] {
+    if !beam.is_square() {
         return (beam.spread, beam.angle);
     }
     let depth = if ray.sigma_min.is_finite() {
@@ -189,7 +194,7 @@ pub(super) fn leave(
     if let Some((_, to)) = span {
         state.mark(beam.depth + to + rounding(beam.depth, to));
     }
-    if beam.spread != [0.0; 3] {
+    if beam.is_square() {
         error.multiply(before);
     }
 }

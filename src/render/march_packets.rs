@@ -28,6 +28,8 @@ pub(super) struct Packets {
     width: Width,
     grades: Grades,
     kinds: Vec<u8>,
+    /// As [`Ground`] has it.
+    bends: [[f32; 4]; 2],
     cabin: Cabin,
 }
 
@@ -87,13 +89,9 @@ impl Packets {
             width,
             grades: Grades::default(),
             kinds: Vec::new(),
+            bends: [[0.0; 4]; 2],
             cabin: Cabin { packet: Packet::new(), riders: Vec::with_capacity(MOST_LANES) },
         }
-    }
-
-    /// Lanes of a packet.
-    pub(super) fn count(&self) -> usize {
-        self.width.count()
     }
 
     /// Looks at a brick whose cells measure `diagonal` code lengths from corner to corner, for rays
@@ -118,6 +116,7 @@ impl Packets {
             let is_fit = care == Care::Rough && !has_squares && !brick.shades.rows.is_empty();
             if is_fit {
                 self.kinds.clear();
+                self.bends = [[0.0; 4]; 2];
                 self.grades.fill_cells((&brick.relief, hides), transfer);
             }
             return is_fit;
@@ -130,6 +129,8 @@ impl Packets {
         if self.grades.fit == 0 {
             return false;
         }
+        let whole = &brick.relief.whole;
+        self.bends = transfer.table.bends.between(whole.low, whole.high);
         if drawn != DrawnNeighbours::ALL {
             let count = brick.edge as i32 + 1;
             let all = (0..count).flat_map(|z| (0..count).map(move |y| (y, z)));
@@ -140,8 +141,8 @@ impl Packets {
         true
     }
 
-    /// Marches rays, at most [`Self::count`], through the brick that was entered last. Returns the
-    /// number of stretches integrated.
+    /// Marches rays through the brick that was entered last. Returns the number of stretches
+    /// integrated.
     pub(super) fn march(
         &mut self,
         passage: &Passage<'_>,
@@ -170,8 +171,6 @@ impl Packets {
             has_squares,
             takes_wide,
         };
-        let cabin = &mut self.cabin;
-        let mut single = cabin.board(&place, rays, film);
         let kinds = if self.kinds.is_empty() { &passage.brick.duals } else { &self.kinds };
         let ground = Ground {
             values: &passage.brick.narrow[0].values,
@@ -194,31 +193,15 @@ impl Packets {
             reach: self.grades.reach,
             groups: passage.brick.relief.side(),
             table: &transfer.table,
-            kinks: if are_constant {
-                [[0.0; 4]; 2]
-            } else {
-                transfer.table.bends.between(whole.low, whole.high)
-            },
+            kinks: self.bends,
             parts: self.grades.parts,
             darkening: transfer.darkening(),
         };
-        while cabin.packet.active != 0 {
-            for blended in [false, true] {
-                cabin.go(&ground, self.width, blended);
-            }
-            for lane in lanes(cabin.packet.active) {
-                if ground.fit(cabin.packet.cell(lane)).is_none() {
-                    cabin.settle(&place, lane, film);
-                    cabin.clear(&place, lane, film);
-                    single += cabin.pass_alone(&place, &ground, lane, film);
-                }
-            }
-        }
-        for lane in 0..cabin.riders.len() {
-            cabin.settle(&place, lane, film);
-            cabin.alight(lane, film);
-        }
-        cabin.packet.count + single
+        let all_plain = kinds.is_empty() && self.grades.fit == ground.rates.len();
+        let packets = rays.chunks(self.width.count());
+        packets
+            .map(|rays| self.cabin.travel(&place, (&ground, self.width, all_plain), rays, film))
+            .sum()
     }
 }
 

@@ -84,12 +84,11 @@ impl<'s> Setting<'s> {
         let is_fit =
             packets.enter(&self.passage, &self.light, (3.0_f64.sqrt() * WIDTH, care), false);
         let mut samples = 0;
-        let numbers: Vec<_> = (0..rays.len()).collect();
-        for numbers in numbers.chunks(packets.count()).filter(|_| is_fit) {
+        if is_fit {
             let mut film = Rays { states: &mut states, errors: &mut errors };
             let passenger =
-                |n: &usize| Passenger { index: *n, ray: rays[*n], beam: Some(Beam::alone(0.0)) };
-            let rays: Vec<_> = numbers.iter().map(passenger).collect();
+                |index| Passenger { index, ray: rays[index], beam: Some(Beam::alone(0.0)) };
+            let rays: Vec<_> = (0..rays.len()).map(passenger).collect();
             samples += packets.march(&self.passage, &self.light, &rays, &mut film);
         }
         Found { states, errors, samples, is_fit }

@@ -18,6 +18,8 @@ use super::waiting::Found;
 
 /// How many rays are looked at one by one for the brightest that still needs light.
 const FEW_RAYS: usize = 64;
+/// Rays that set off together: whole packets.
+const MOST_BOARDING: usize = 4 * MOST_LANES;
 
 /// Up to [`BATCH_RAYS`] rays through pixels of one rectangle. The memory is reused from batch to
 /// batch.
@@ -37,7 +39,7 @@ pub(super) struct Tile {
     /// Where each pixel's squares begin, and one more.
     starts: Vec<u16>,
     packets: Packets,
-    /// Rays for the next packet, by number.
+    /// Rays for the next packets, by number.
     boarding: Vec<Passenger>,
 }
 
@@ -48,7 +50,8 @@ impl Tile {
             + size_of::<[DVec2; 2]>()
             + size_of::<RayState>()
             + size_of::<RayError>()
-            + 4)) as u64
+            + 4)
+        + MOST_BOARDING * size_of::<Passenger>()) as u64
         + Packets::BYTES;
 
     /// A tile without rays.
@@ -63,7 +66,7 @@ impl Tile {
             alive: Vec::with_capacity(BATCH_RAYS.div_ceil(64)),
             starts: Vec::with_capacity(BATCH_RAYS + 1),
             packets: Packets::new(),
-            boarding: Vec::with_capacity(MOST_LANES),
+            boarding: Vec::with_capacity(MOST_BOARDING),
         }
     }
 
@@ -190,7 +193,7 @@ impl Tile {
                     beam(frame, &ray, half, share)
                 });
                 self.boarding.push(Passenger { index, ray, beam });
-                if !in_packets || self.boarding.len() == self.packets.count() {
+                if !in_packets || self.boarding.len() == MOST_BOARDING {
                     samples += self.depart(passage, light, in_packets);
                 }
             }

@@ -120,6 +120,7 @@ impl View {
         let t = foot / self.distance / self.distance;
         let t = if t.is_finite() && !(self.is_perspective && t < 0.0) { t } else { 0.0 };
         let anchor = axis_point(&self.position, &self.look_at, t);
+        let cell_width = self.domain.cell_width(octree);
         let anchor_units: [i128; 3] =
             std::array::from_fn(|a| anchor.0[a].saturating_sub(corner.0[a]));
         Frame {
@@ -127,7 +128,8 @@ impl View {
             anchor_units,
             cells_per_unit,
             depth: t * self.distance,
-            cell_width: self.domain.cell_width(octree),
+            cell_width,
+            cells_per_length: cell_width.recip(),
             basis: self.basis,
             is_perspective: self.is_perspective,
         }

@@ -35,21 +35,49 @@ pub(super) struct Rider {
     pub(super) span: (f64, f64),
     /// σ per unit of t.
     pub(super) unit: f64,
-    /// The square that it stands for, how far that is spread, and its account at the start.
-    beam: Option<Beam>,
+    /// Whether it has an account; the square that it stands for, how far that is spread, and the
+    /// account at the start.
+    has_account: bool,
     spread: Spread,
-    before: RayError,
+    square: Option<(Beam, RayError)>,
 }
 
 impl Cabin {
-    /// Takes in rays that meet the brick; those that may not go in packets are marched at once.
-    /// Returns for how many stretches.
-    pub(super) fn board(
+    /// Takes rays, as many as there are lanes at most, through the brick. Returns the number of
+    /// stretches. With `all_plain` all cells may be passed as plain ones.
+    pub(super) fn travel(
         &mut self,
         place: &Place<'_>,
+        (ground, width, all_plain): (&Ground<'_>, Width, bool),
         rays: &[Passenger],
         film: &mut Rays<'_>,
     ) -> u64 {
+        let mut single = self.board(place, rays, film);
+        if all_plain && self.packet.active != 0 {
+            width.run(March { ground, packet: &mut self.packet, blended: false });
+        }
+        while self.packet.active != 0 {
+            for blended in [false, true] {
+                self.go(ground, width, blended);
+            }
+            for lane in lanes(self.packet.active) {
+                if ground.fit(self.packet.cell(lane)).is_none() {
+                    self.settle(place, lane, film);
+                    self.clear(place, lane, film);
+                    single += self.pass_alone(place, ground, lane, film);
+                }
+            }
+        }
+        for lane in 0..self.riders.len() {
+            self.settle(place, lane, film);
+            self.alight(lane, film);
+        }
+        self.packet.count + single
+    }
+
+    /// Takes in rays that meet the brick; those that may not go in packets are marched at once.
+    /// Returns for how many stretches.
+    fn board(&mut self, place: &Place<'_>, rays: &[Passenger], film: &mut Rays<'_>) -> u64 {
         let packet = &mut self.packet;
         self.riders.clear();
         (packet.active, packet.count) = (0, 0);
@@ -58,20 +86,21 @@ impl Cabin {
         for &Passenger { index, ray, beam } in rays {
             let span = clip(&ray, place.region.lo, place.region.hi);
             let (state, error) = (&mut film.states[index], &mut film.errors[index]);
-            let before = *error;
+            let has_account = beam.is_some();
             let mut spread = ([0.0; 3], 0.0);
-            if let Some(beam) = &beam {
+            let square = beam.filter(Beam::is_square).map(|beam| (beam, *error));
+            if let Some((beam, before)) = &square {
                 let region = (&place.region, span);
                 spread = arrive(place.passage, &ray, region, beam, (state, error));
                 let is_wide = spread.0.iter().any(|spread| *spread > 1.0 - f64::from(SLACK));
                 if is_wide && !place.takes_wide {
-                    *error = before;
+                    *error = *before;
                     let account = Some((error, beam));
                     single += march(place.passage, &ray, place.light, state, account);
                     continue;
                 }
                 if span.is_none() {
-                    leave(span, beam, state, (error, &before));
+                    leave(span, beam, state, (error, before));
                 }
             }
             let Some(span) = span else { continue };
@@ -87,30 +116,26 @@ impl Cabin {
             packet.active |= 1 << lane;
             for a in 0..3 {
                 packet.spread[a].0[lane] =
-                    if beam.is_some() { spread.0[a] as f32 + SLACK } else { 0.0 };
+                    if has_account { spread.0[a] as f32 + SLACK } else { 0.0 };
             }
             packet.turn.0[lane] = (2.0 * spread.1) as f32;
-            self.riders.push(Rider { index, ray, span, unit, beam, spread, before });
+            self.riders.push(Rider { index, ray, span, unit, has_account, spread, square });
         }
         single
     }
 
     /// A ray has left the brick.
-    pub(super) fn alight(&self, lane: usize, film: &mut Rays<'_>) {
-        let Rider { index, span, beam, before, .. } = &self.riders[lane];
-        if let Some(beam) = beam {
+    fn alight(&self, lane: usize, film: &mut Rays<'_>) {
+        let Rider { index, span, square, .. } = &self.riders[lane];
+        if let Some((beam, before)) = square {
             let (state, error) = (&mut film.states[*index], &mut film.errors[*index]);
             leave(Some(*span), beam, state, (error, before));
         }
     }
 
     /// Marches the rays that have come to plain cells, or to blended ones, as far as they go.
-    pub(super) fn go(&mut self, ground: &Ground<'_>, width: Width, blended: bool) {
+    fn go(&mut self, ground: &Ground<'_>, width: Width, blended: bool) {
         let all = self.packet.active;
-        if !ground.shades.is_empty() && all != 0 {
-            // All cells are fit, and none is blended.
-            return width.run(March { ground, packet: &mut self.packet, blended });
-        }
         let ready = lanes(all)
             .filter(|lane| ground.fit(self.packet.cell(*lane)) == Some(blended))
             .fold(0, |ready, lane| ready | 1 << lane);
@@ -123,14 +148,14 @@ impl Cabin {
     }
 
     /// Gives a lane's sums to its ray.
-    pub(super) fn settle(&self, place: &Place<'_>, lane: usize, film: &mut Rays<'_>) {
+    fn settle(&self, place: &Place<'_>, lane: usize, film: &mut Rays<'_>) {
         let (packet, rider) = (&self.packet, &self.riders[lane]);
         let table = &place.transfer.table;
         let length = rider.ray.length * rider.unit;
         let state = &mut film.states[rider.index];
         let seen = state.transmittance * length;
         let sum = |row: &Row| f64::from(row.0[lane]);
-        if rider.beam.is_some() {
+        if rider.has_account {
             let error = &mut film.errors[rider.index];
             let sums = |[emission, dimmed, extinction]: [f64; 3]| Sums {
                 emission: emission * seen * table.emission * ROUNDED_UP,
@@ -154,7 +179,7 @@ impl Cabin {
     }
 
     /// A lane whose sums were given to its ray begins anew.
-    pub(super) fn clear(&mut self, place: &Place<'_>, lane: usize, film: &Rays<'_>) {
+    fn clear(&mut self, place: &Place<'_>, lane: usize, film: &Rays<'_>) {
         let (packet, rider) = (&mut self.packet, &self.riders[lane]);
         let state = &film.states[rider.index];
         packet.fade.0[lane] = fade(state, place, (&rider.ray, rider.span));
@@ -162,7 +187,7 @@ impl Cabin {
     }
 
     /// Takes a lane through cells that are not fit, up to one that is, or out of the brick.
-    pub(super) fn pass_alone(
+    fn pass_alone(
         &mut self,
         place: &Place<'_>,
         ground: &Ground<'_>,
@@ -175,7 +200,7 @@ impl Cabin {
         let relief = &passage.brick.relief;
         let state = &mut film.states[rider.index];
         let error = &mut film.errors[rider.index];
-        let accounts = rider.beam.is_some();
+        let accounts = rider.has_account;
         let mut ledger = accounts.then(|| Ledger::new(relief, error, passage.hides, rider.spread));
         let mut integrator = Integrator::new(light.pieces, &light.ending, accounts, state);
         let mut rungs = Vec::new();
@@ -236,7 +261,7 @@ fn set_off(
         let is_between = place.shift == 0.0 && stays;
         let middle = f64::from(cell) + 0.5;
         let (from, along) = if is_between { (middle, 0.0) } else { (origin[a], direction[a]) };
-        let coarse = (from / ORIGIN_STEP).round() * ORIGIN_STEP;
+        let coarse = rounded(from);
         let (origin, direction) = ([coarse, from - coarse].map(|x| x as f32), split(along));
         for n in 0..2 {
             packet.origin[n][a].0[lane] = origin[n];
@@ -246,6 +271,13 @@ fn set_off(
     }
     put(&mut packet.t, lane, [0.0; 2]);
     put(&mut packet.end, lane, split((span.1 - span.0) / unit));
+}
+
+/// The nearest multiple of [`ORIGIN_STEP`] to a number much smaller than 2⁵¹ of these.
+fn rounded(x: f64) -> f64 {
+    // Sums are whole multiples of it there, in one instruction that all processors have.
+    const LARGE: f64 = ORIGIN_STEP * (3_i64 << 51) as f64;
+    (x + LARGE) - LARGE
 }
 
 /// A number as the sum of two.
