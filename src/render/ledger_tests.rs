@@ -10,6 +10,7 @@ use super::interpolant::DrawnNeighbours;
 use super::march::{Light, Passage, Region, march};
 use super::march_packets::{Packets, Passenger, Rays};
 use super::march_tests::{shells, smooth, steps, transfer};
+use super::margin::{self, parts};
 use super::ray_error::RayError;
 use super::ray_state::{Ending, RayState};
 use super::rays::{PixelGrid, Square};
@@ -108,22 +109,27 @@ impl<'s> Stage<'s> {
         let light = &self.light;
         let (plane, half) = (self.grid.plane(square), self.grid.half(square));
         for Part { brick, region, frame, footprint } in &self.parts {
-            if !meets(footprint, plane, half) {
+            let whole =
+                Passage { brick, region: *region, drawn: DrawnNeighbours::ALL, hides: false };
+            if way == Way::WithoutAccount {
+                march(&whole, &frame.ray(plane), light, &mut states[0], None);
                 continue;
             }
-            let ray = frame.ray(plane);
-            let covered = self.grid.covered(footprint) / self.grid.weight(square);
-            let beam = beam(frame, &ray, half, covered);
-            let passage =
-                Passage { brick, region: *region, drawn: DrawnNeighbours::ALL, hides: false };
-            let cells = (frame.cell_width.length(), Care::Rough);
-            if way == Way::InPackets && packets.enter(&passage, light, cells, true) {
-                let mut film = Rays { states: &mut states, errors: &mut errors };
-                let passenger = Passenger { index: 0, ray, beam: Some(beam) };
-                packets.march(&passage, light, &[passenger], &mut film);
-            } else {
-                let account = (way != Way::WithoutAccount).then_some((&mut errors[0], &beam));
-                march(&passage, &ray, light, &mut states[0], account);
+            for margin::Part { passage, frame, footprint } in parts(&whole, frame, footprint) {
+                if !meets(&footprint, plane, half) {
+                    continue;
+                }
+                let ray = frame.ray(plane);
+                let covered = self.grid.covered(&footprint) / self.grid.weight(square);
+                let beam = beam(&frame, &ray, half, covered);
+                let cells = (frame.cell_width.length(), Care::Rough);
+                if way == Way::InPackets && packets.enter(&passage, light, cells, true) {
+                    let mut film = Rays { states: &mut states, errors: &mut errors };
+                    let passenger = Passenger { index: 0, ray, beam: Some(beam) };
+                    packets.march(&passage, light, &[passenger], &mut film);
+                } else {
+                    march(&passage, &ray, light, &mut states[0], Some((&mut errors[0], &beam)));
+                }
             }
         }
         (states[0], errors[0])

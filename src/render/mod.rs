@@ -35,6 +35,8 @@ mod march_packets;
 #[cfg(test)]
 mod march_tests;
 pub mod margin;
+#[cfg(test)]
+mod margin_tests;
 pub mod memory;
 mod packet;
 #[cfg(test)]

@@ -88,9 +88,14 @@ fn a_brick_used_again_forgets_and_stays_within_its_bytes() {
             }
             let block =
                 |b: &super::scaled::ScaledBlock| 4 * b.values.capacity() + b.states.capacity();
-            let used: usize = fresh.blocks.iter().map(block).sum::<usize>()
-                + fresh.duals.capacity()
-                + fresh.blocks.capacity() * size_of::<super::scaled::ScaledBlock>();
+            let used = |brick: &ScaledBrick| {
+                brick.blocks.iter().map(block).sum::<usize>()
+                    + brick.duals.capacity()
+                    + brick.blocks.capacity() * size_of::<super::scaled::ScaledBlock>()
+            };
+            let coarse =
+                fresh.margin().map_or(0, |(_, coarse)| size_of::<ScaledBrick>() + used(coarse));
+            let used = used(&fresh) + coarse;
             assert!(used as u64 <= ScaledBrick::bytes(shape, raw.blocks.len(), mode), "{used}");
         }
     }
