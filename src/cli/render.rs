@@ -144,7 +144,8 @@ fn write_picture(
                 ("deepfieldScene", scene.source.clone()),
                 ("deepfieldStats", json(&rendered.stats)?),
             ];
-            write_exr(path, film, &attributes.map(|(name, value)| (name.to_owned(), value)))
+            let attributes = attributes.map(|(name, value)| (name.to_owned(), value));
+            write_exr(path, film, &attributes, rendered.stats.threads)
         }
     }
 }

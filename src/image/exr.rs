@@ -1,8 +1,11 @@
 //! OpenEXR files.
 
 use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::ops::Range;
 use std::path::Path;
+use std::thread::Builder;
 
+use exr::block::chunk::Chunk;
 use exr::block::lines::LineRefMut;
 use exr::block::{BlockIndex, UncompressedBlock};
 use exr::compression::Compression;
@@ -21,15 +24,20 @@ const CHANNELS: [(&str, usize); 4] = [("A", 3), ("B", 2), ("G", 1), ("R", 0)];
 /// Widest picture (pixels) whose rows are compressed 16 together: compressing takes about five
 /// times a block of 16 bytes a pixel.
 const WIDEST_IN_BLOCKS: u32 = 4096;
+/// Most threads that compress.
+pub const MOST_WRITERS: usize = 4;
+/// Their stacks, bytes.
+const STACK_BYTES: usize = 1 << 20;
 /// Longest attribute name that every reader takes (bytes).
 const MAX_NAME: usize = 31;
 
 /// Writes `film` to `path`: scan lines of R, G, B, A as 32-bit floats under ZIP compression, with
 /// `attributes` (name, UTF-8 text) in their order. Equal films and attributes give equal bytes.
 ///
-/// Blocks of 16 rows (wide pictures: single rows) are compressed one after another: beyond the
-/// film, it takes a few MiB of memory. The header is assembled here because the `exr` crate orders custom attributes by
-/// chance, so that files would differ from run to run.
+/// Blocks of 16 rows (wide pictures: single rows) are compressed on up to `threads` threads, one on
+/// each, [`MOST_WRITERS`] at most: beyond the film, it takes a few MiB of memory for each. The header
+/// is assembled here because the `exr` crate orders custom attributes by chance, so that files would
+/// differ from run to run.
 ///
 /// # Errors
 /// A path that cannot be written (nothing is left there then), and attribute names that the format
@@ -38,11 +46,14 @@ pub fn write_exr(
     path: impl AsRef<Path>,
     film: &Film,
     attributes: &[(String, String)],
+    threads: usize,
 ) -> Result<()> {
     check_names(attributes)?;
     let file = AtomicFile::create(path)?;
     let mut writer = BufWriter::new(file.file());
-    write_image(&mut writer, film, attributes).map_err(|error| failure(file.target(), error))?;
+    let threads = threads.clamp(1, MOST_WRITERS);
+    write_image(&mut writer, film, attributes, threads)
+        .map_err(|error| failure(file.target(), error))?;
     drop(writer);
     file.commit()
 }
@@ -73,19 +84,49 @@ fn write_image<W: Write + Seek>(
     writer: &mut W,
     film: &Film,
     attributes: &[(String, String)],
+    threads: usize,
 ) -> exr::error::Result<()> {
     let headers = [header(film)];
     write_header(writer, &headers, attributes)?;
     let table_start = writer.stream_position()?;
     let mut offsets = vec![0_u64; headers[0].chunk_count];
     write_offsets(writer, &offsets)?;
-    for (offset, rows) in offsets.iter_mut().zip(0..) {
-        *offset = writer.stream_position()?;
-        block(&headers[0], film, rows).compress_to_chunk(&headers)?.write(writer, headers.len())?;
+    for (batch, offsets) in offsets.chunks_mut(threads).enumerate() {
+        let first = batch * threads;
+        for (chunk, offset) in
+            compressed(&headers, film, first..first + offsets.len()).into_iter().zip(offsets)
+        {
+            *offset = writer.stream_position()?;
+            chunk?.write(writer, headers.len())?;
+        }
     }
     writer.seek(SeekFrom::Start(table_start))?;
     write_offsets(writer, &offsets)?;
     Ok(writer.flush()?)
+}
+
+/// Blocks of rows, each compressed on a thread of its own; the first on this one.
+fn compressed(
+    headers: &[Header; 1],
+    film: &Film,
+    mut blocks: Range<usize>,
+) -> Vec<exr::error::Result<Chunk>> {
+    let compress = |index: usize| block(&headers[0], film, index).compress_to_chunk(headers);
+    let Some(first) = blocks.next() else { return Vec::new() };
+    std::thread::scope(|scope| {
+        let others: Vec<_> = blocks
+            .map(|index| {
+                let thread = Builder::new().stack_size(STACK_BYTES);
+                thread.spawn_scoped(scope, move || compress(index))
+            })
+            .collect();
+        let first = std::iter::once(compress(first));
+        let others = others.into_iter().map(|thread| match thread?.join() {
+            Ok(chunk) => chunk,
+            Err(panic) => std::panic::resume_unwind(panic),
+        });
+        first.chain(others).collect()
+    })
 }
 
 fn header(film: &Film) -> Header {

@@ -5,7 +5,7 @@ mod film;
 mod format;
 mod png;
 
-pub use exr::write_exr;
+pub use exr::{MOST_WRITERS, write_exr};
 pub use film::Film;
 pub use format::Format;
 pub use png::write_png;

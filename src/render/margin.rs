@@ -8,7 +8,7 @@
 use super::frame::{Footprint, Frame};
 use super::interpolant::DrawnNeighbours;
 use super::march::{Passage, Region};
-use super::scaled::ScaledBlock;
+use crate::cache::Block;
 
 /// The smallest box of whole coarser cells that holds all cells that exist, in the brick's cells:
 /// lowest, and behind the highest.
@@ -19,12 +19,12 @@ pub(super) struct Core {
 }
 
 impl Core {
-    /// Of a brick of `edge` cells whose holes are not marked yet.
-    pub(super) fn of(block: &ScaledBlock, edge: usize) -> Self {
+    /// Of a brick of `edge` cells.
+    pub(super) fn of(block: &Block, edge: usize) -> Self {
         let mut core = Self { lo: [edge; 3], hi: [0; 3] };
         for z in 0..edge {
             for y in 0..edge {
-                let row = &block.states[block.at([1, y + 1, z + 1])..][..edge];
+                let row = &block.states[block.at(1, y + 1, z + 1)..][..edge];
                 let exists = |bits: &u8| *bits != 0;
                 let Some(first) = row.iter().position(exists) else { continue };
                 let last = row.iter().rposition(exists).unwrap_or(first);

@@ -27,7 +27,7 @@ fn framed(
     data: &TestData,
     (level, at): (u32, [i128; 3]),
     off: [f64; 3],
-    is_flat: bool,
+    (is_flat, interpolation): (bool, Interpolation),
 ) -> (ScaledBrick, Frame) {
     let width = data.domain.cell_width(level as i32) * EDGE as f64;
     let left = data.domain.left();
@@ -45,7 +45,7 @@ fn framed(
     let view = View::new(&Scene::parse(&text, "test").unwrap(), &data.domain).unwrap();
     let corner = data.domain.cell_corner(level as i32, at.map(|c| c * EDGE));
     let frame = view.frame(&corner, level as i32, EDGE as f64);
-    (data.brick(level, at, EDGE as u32, Interpolation::Linear), frame)
+    (data.brick(level, at, EDGE as u32, interpolation), frame)
 }
 
 fn span(ray: &LocalRay, region: &Region) -> Option<(f64, f64)> {
@@ -58,6 +58,8 @@ fn a_core_holds_all_cells_that_exist() {
     let mut count = 0;
     for (level, at) in BRICKS {
         let brick = data.brick(level, at, EDGE as u32, Interpolation::Linear);
+        let cells = data.brick(level, at, EDGE as u32, Interpolation::Cell);
+        assert_eq!(cells.margin().map(|(core, _)| core), brick.margin().map(|(core, _)| core));
         let exists =
             |cell: &[i128; 3]| data.exists(level, std::array::from_fn(|a| at[a] * EDGE + cell[a]));
         let mut core = Core { lo: [8; 3], hi: [0; 3] };
@@ -79,13 +81,16 @@ proptest! {
         number in 0..BRICKS.len(),
         off in prop::array::uniform3(-2.5..2.5_f64),
         is_flat in any::<bool>(),
+        is_constant in any::<bool>(),
         (is_inner, has_steps) in any::<(bool, bool)>(),
         planes in prop::collection::vec(prop::array::uniform2(-1.0..1.0_f64), 12),
     ) {
         let data = TestData::new(rough);
+        let interpolation =
+            if is_constant { Interpolation::Cell } else { Interpolation::Linear };
         // From within the brick, too.
         let off = if is_inner { off.map(|x| 0.2 * x) } else { off };
-        let (brick, frame) = framed(&data, BRICKS[number], off, is_flat);
+        let (brick, frame) = framed(&data, BRICKS[number], off, (is_flat, interpolation));
         let Some(footprint) = frame.footprint(DVec3::ZERO, DVec3::splat(8.0)) else {
             return Ok(());
         };

@@ -8,7 +8,7 @@ use super::refine::Sheet;
 use super::scaled::ScaledBrick;
 use super::tile::Tile;
 use crate::cache::{BrickShape, Cache, Cursor, WINDOW_BYTES};
-use crate::image::Film;
+use crate::image::{Film, MOST_WRITERS};
 use crate::paging::{Budget, Counters, MEBIBYTE, Pool, Reservation};
 use crate::scene::Interpolation;
 use crate::{Error, Result};
@@ -24,7 +24,7 @@ const AHEAD_SLOTS: usize = 2;
 /// Memory per pixel of a row that writing a picture takes at a time: 16 rows of 16 bytes, raw,
 /// compressed and in between.
 const WRITING_PER_COLUMN: u64 = 4 * 16 * 16;
-/// The rest of what writing takes.
+/// The rest of what writing takes, on each thread.
 const WRITING_FIXED: u64 = 1 << 20;
 /// Index windows beyond the fewest take at most this part of what is left.
 const EXTRA_WINDOWS_SHARE: u64 = 8;
@@ -149,7 +149,11 @@ fn fixed_parts(demand: &Demand) -> Vec<(&'static str, u64)> {
     vec![
         ("the picture", Film::bytes_needed(demand.width, demand.height)),
         ("the tiles' errors", demand.tiles.saturating_mul(size_of::<TileError>() as u64)),
-        ("writing the picture", u64::from(demand.width) * WRITING_PER_COLUMN + WRITING_FIXED),
+        (
+            "writing the picture",
+            threads.min(MOST_WRITERS as u64)
+                * (u64::from(demand.width) * WRITING_PER_COLUMN + WRITING_FIXED),
+        ),
         (
             "the marching threads",
             threads.saturating_mul(thread.saturating_add(Tile::BYTES + Sheet::BYTES)),

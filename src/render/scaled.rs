@@ -185,8 +185,7 @@ impl ScaledBrick {
 
     /// Most heap bytes that a brick of `shape` with `blocks` blocks takes.
     pub fn bytes(shape: BrickShape, blocks: usize, interpolation: Interpolation) -> u64 {
-        let has_coarse = interpolation == Interpolation::Linear && blocks > 1;
-        let coarse = if has_coarse {
+        let coarse = if blocks > 1 {
             size_of::<Self>() as u64
                 + Self::bytes_of_one(shape.coarser(), blocks - 1, interpolation)
         } else {
@@ -228,8 +227,19 @@ impl ScaledBrick {
         check(raw, place, header.shape)?;
         self.reset(header.shape.edge(), interpolation);
         match interpolation {
-            Interpolation::Cell => self.load_cells(raw, mapping),
-            Interpolation::Linear => self.load_linear(raw, place, header, mapping),
+            Interpolation::Cell => self.load_cells(&raw.blocks, &mapping),
+            Interpolation::Linear => self.load_linear(raw, place, header, &mapping),
+        }
+        let core = Core::of(&raw.blocks[0], self.edge);
+        if raw.blocks.len() > 1 && !core.is_all(self.edge) {
+            self.core = Some(core);
+            let mut coarse = self.coarse.take().unwrap_or_default();
+            coarse.reset(self.edge / 2, interpolation);
+            match interpolation {
+                Interpolation::Cell => coarse.load_cells(&raw.blocks[1..], mapping),
+                Interpolation::Linear => coarse.take_above(self, &raw.blocks[1..]),
+            }
+            self.coarse = Some(coarse);
         }
         Ok(())
     }
@@ -285,10 +295,10 @@ impl ScaledBrick {
         self.used = blocks;
     }
 
-    fn load_cells(&mut self, raw: &RawBrick, mapping: impl Fn(&[f32], &mut [f64])) {
+    fn load_cells(&mut self, raw: &[Block], mapping: impl Fn(&[f32], &mut [f64])) {
         self.reserve(1);
         let (edge, bits) = (self.edge, self.edge_bits);
-        let (block, own) = (&mut self.blocks[0], &raw.blocks[0]);
+        let (block, own) = (&mut self.blocks[0], &raw[0]);
         block.side = own.side;
         block.states.clear();
         block.values.clear();
@@ -302,7 +312,7 @@ impl ScaledBrick {
                 let mut states = [0; BrickShape::MOST_CELLS];
                 for x in 0..edge {
                     (stored[x], states[x]) = match own.states[first + x] {
-                        0 => owner(&raw.blocks, [x, y, z], bits),
+                        0 => owner(raw, [x, y, z], bits),
                         states => (own.values[first + x], states),
                     };
                 }
@@ -343,20 +353,13 @@ impl ScaledBrick {
             let octree = place.octree.saturating_sub_unsigned(shift);
             fill_outside(block, first, cells_of(header, octree));
         }
-        let core = Core::of(&self.blocks[0], self.edge);
-        if self.used > 1 && !core.is_all(self.edge) {
-            let coarse = self.coarse.get_or_insert_default();
-            coarse.load_coarser(self.edge / 2, &self.blocks[1..self.used], &raw.blocks[1..]);
-            self.core = Some(core);
-        }
         self.complete(&raw.blocks);
     }
 
-    /// Becomes a brick of the next coarser level over the same space.
-    fn load_coarser(&mut self, edge: usize, blocks: &[ScaledBlock], raw: &[Block]) {
-        self.reset(edge, Interpolation::Linear);
-        self.reserve(blocks.len());
-        for (own, block) in self.blocks.iter_mut().zip(blocks) {
+    /// Takes over the blocks above a finer brick's own, whose payload they are in.
+    fn take_above(&mut self, finer: &Self, raw: &[Block]) {
+        self.reserve(raw.len());
+        for (own, block) in self.blocks.iter_mut().zip(&finer.blocks[1..finer.used]) {
             own.copy(block);
             own.scale *= 2.0;
         }
