@@ -1,9 +1,9 @@
 //! What cells of constant value emit and absorb, worked out once for all rays: what packets look
 //! up in place of the transfer function.
 
+use super::blocks::ScaledBlock;
 use super::ray_error::Change;
 use super::relief::Relief;
-use super::scaled::ScaledBlock;
 use super::transfer_pieces::PieceList;
 use super::transfer_table::two_halves;
 

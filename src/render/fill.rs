@@ -1,7 +1,7 @@
 //! Values for cells that have none: holes and ghosts beside coarser data, and cells outside the
 //! domain.
 
-use super::scaled::ScaledBlock;
+use super::blocks::ScaledBlock;
 use crate::cache::state;
 
 /// The next coarser block, complete, and the level's cell index of its first cell.

@@ -110,7 +110,8 @@ pub(super) struct Grades {
     pub(super) parts: u32,
     /// As [`Care::share_of_cell`] has it.
     pub(super) share: f64,
-    pub(super) storages: Vec<u32>,
+    pub(super) stored: Vec<[f32; 4]>,
+    pub(super) storage: f32,
     /// Groups that packets march through.
     pub(super) fit: usize,
 }
@@ -132,9 +133,9 @@ impl Grades {
         self.rates.clear();
         self.rates.extend((0..count).map(|n| grader.grade(relief.group(n))));
         self.fit = self.rates.iter().filter(|rate| **rate != UNFIT).count();
-        let storage = |group: &Group| group.span.slope.times(group.storage);
-        self.storages.clear();
-        self.storages.extend((0..count).map(|n| pack(storage(relief.group(n)), &transfer.table)));
+        self.stored.clear();
+        self.stored.extend((0..count).map(|n| stored(relief.group(n), &transfer.table)));
+        self.storage = (relief.whole.storage as f32).next_up();
         self.fill_levels((relief, hides), transfer);
         self.reliefs.clear();
         if has_squares {
@@ -230,8 +231,23 @@ impl Grader<'_> {
     }
 }
 
-/// Both relative to the table's largest, rounded up to the upper halves of f32.
-fn pack(off: Change, table: &TransferTable) -> u32 {
+/// As [`super::packet::Ground::stored`] has it.
+fn stored(group: &Group, table: &TransferTable) -> [f32; 4] {
+    let [emission, extinction] = relative(group.span.slope.times(group.storage), table);
+    let up = |x: f64| (x.min(MOST_STORED) as f32).next_up();
+    [up(emission), up(extinction), up(group.storage), 0.0]
+}
+
+/// More than anything that is stored makes, in f32.
+const MOST_STORED: f64 = 1e38;
+
+/// Both relative to the table's largest.
+fn relative(off: Change, table: &TransferTable) -> [f64; 2] {
     let extinction = if table.extinction > 0.0 { off.extinction / table.extinction } else { 0.0 };
-    two_halves([off.emission / table.emission, extinction]).min(UNFIT - 1)
+    [off.emission / table.emission, extinction]
+}
+
+/// The same, rounded up to the upper halves of f32.
+fn pack(off: Change, table: &TransferTable) -> u32 {
+    two_halves(relative(off, table)).min(UNFIT - 1)
 }

@@ -1,10 +1,11 @@
 //! `cell`: the value is constant in each cell, so every stretch has a closed form.
 
 use super::absorb::Integrator;
+use super::blocks::ScaledBlock;
 use super::frame::LocalRay;
 use super::ledger::Ledger;
 use super::march::{CellRange, Region};
-use super::scaled::{ScaledBlock, ScaledBrick};
+use super::scaled::ScaledBrick;
 use super::touch::Touch;
 use super::walk::Walk;
 

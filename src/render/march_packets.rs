@@ -72,7 +72,7 @@ impl Packets {
     pub(super) const BYTES: u64 = {
         let duals = BrickShape::MOST_CELLS + 1;
         let groups = duals.div_ceil(GROUP_EDGE);
-        let known = (3 * size_of::<u32>() + size_of::<[f32; 8]>()) * (groups.pow(3) + 1)
+        let known = (2 * size_of::<u32>() + size_of::<[f32; 12]>()) * (groups.pow(3) + 1)
             + duals.pow(3)
             + BYTE_PADDING;
         (2 * known + size_of::<Packet>() + 2 * MOST_LANES * size_of::<Rider>()) as u64
@@ -184,11 +184,9 @@ impl Packets {
             shades: &passage.brick.shades.rows,
             rates: &self.grades.rates,
             levels: &self.grades.levels,
-            storages: if are_constant {
-                &passage.brick.shades.storages
-            } else {
-                &self.grades.storages
-            },
+            storages: &passage.brick.shades.storages,
+            stored: &self.grades.stored,
+            storage: self.grades.storage,
             reliefs: &self.grades.reliefs,
             reach: self.grades.reach,
             groups: passage.brick.relief.side(),

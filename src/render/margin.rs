@@ -37,9 +37,9 @@ impl Core {
 
     /// Takes in a cell, and its neighbours in the coarser one.
     fn take(&mut self, cell: [usize; 3]) {
-        for a in 0..3 {
-            self.lo[a] = self.lo[a].min(cell[a] & !1);
-            self.hi[a] = self.hi[a].max((cell[a] | 1) + 1);
+        for ((lo, hi), c) in self.lo.iter_mut().zip(&mut self.hi).zip(cell) {
+            *lo = (*lo).min(c & !1);
+            *hi = (*hi).max((c | 1) + 1);
         }
     }
 

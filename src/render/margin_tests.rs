@@ -27,7 +27,7 @@ fn framed(
     data: &TestData,
     (level, at): (u32, [i128; 3]),
     off: [f64; 3],
-    (is_flat, interpolation): (bool, Interpolation),
+    is_flat: bool,
 ) -> (ScaledBrick, Frame) {
     let width = data.domain.cell_width(level as i32) * EDGE as f64;
     let left = data.domain.left();
@@ -45,7 +45,7 @@ fn framed(
     let view = View::new(&Scene::parse(&text, "test").unwrap(), &data.domain).unwrap();
     let corner = data.domain.cell_corner(level as i32, at.map(|c| c * EDGE));
     let frame = view.frame(&corner, level as i32, EDGE as f64);
-    (data.brick(level, at, EDGE as u32, interpolation), frame)
+    (data.brick(level, at, EDGE as u32, Interpolation::Linear), frame)
 }
 
 fn span(ray: &LocalRay, region: &Region) -> Option<(f64, f64)> {
@@ -58,16 +58,13 @@ fn a_core_holds_all_cells_that_exist() {
     let mut count = 0;
     for (level, at) in BRICKS {
         let brick = data.brick(level, at, EDGE as u32, Interpolation::Linear);
-        let cells = data.brick(level, at, EDGE as u32, Interpolation::Cell);
-        assert_eq!(cells.margin().map(|(core, _)| core), brick.margin().map(|(core, _)| core));
         let exists =
             |cell: &[i128; 3]| data.exists(level, std::array::from_fn(|a| at[a] * EDGE + cell[a]));
         let mut core = Core { lo: [8; 3], hi: [0; 3] };
         for cell in (0..512).map(|n| [n % 8, n / 8 % 8, n / 64]).filter(exists) {
-            for a in 0..3 {
-                core.lo[a] = core.lo[a].min(cell[a] as usize & !1);
-                core.hi[a] = core.hi[a].max((cell[a] as usize | 1) + 1);
-            }
+            let cell = cell.map(|c| c as usize);
+            core.lo = std::array::from_fn(|a| core.lo[a].min(cell[a] & !1));
+            core.hi = std::array::from_fn(|a| core.hi[a].max((cell[a] | 1) + 1));
         }
         assert_eq!(brick.margin().map(|(core, _)| *core), Some(core).filter(|c| !c.is_all(8)));
         count += usize::from(brick.margin().is_some());
@@ -81,16 +78,13 @@ proptest! {
         number in 0..BRICKS.len(),
         off in prop::array::uniform3(-2.5..2.5_f64),
         is_flat in any::<bool>(),
-        is_constant in any::<bool>(),
         (is_inner, has_steps) in any::<(bool, bool)>(),
         planes in prop::collection::vec(prop::array::uniform2(-1.0..1.0_f64), 12),
     ) {
         let data = TestData::new(rough);
-        let interpolation =
-            if is_constant { Interpolation::Cell } else { Interpolation::Linear };
         // From within the brick, too.
         let off = if is_inner { off.map(|x| 0.2 * x) } else { off };
-        let (brick, frame) = framed(&data, BRICKS[number], off, (is_flat, interpolation));
+        let (brick, frame) = framed(&data, BRICKS[number], off, is_flat);
         let Some(footprint) = frame.footprint(DVec3::ZERO, DVec3::splat(8.0)) else {
             return Ok(());
         };

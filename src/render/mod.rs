@@ -11,6 +11,7 @@
 mod absorb;
 mod axis;
 mod blend;
+mod blocks;
 #[cfg(test)]
 mod cell_packet_tests;
 mod cell_shades;

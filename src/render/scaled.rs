@@ -1,5 +1,6 @@
 //! A brick made ready to march through: mapped values, ghosts and holes filled.
 
+use super::blocks::{EXISTING, NarrowBlock, ScaledBlock, gather_corners, held};
 use super::cell_shades::CellShades;
 use super::fill::{Above, fill_holes, fill_outside};
 use super::lanes::BYTE_PADDING;
@@ -13,9 +14,6 @@ use crate::scene::Interpolation;
 use crate::space::MAX_OCTREE_LEVEL;
 use crate::{Error, Result};
 
-/// Mapped values are held to ± this.
-const LARGEST: f64 = 1e30;
-
 /// What the marcher has to mind in a dual cell, the cube between eight cell centres.
 pub(super) mod dual {
     /// All eight cells exist and none is void: the interpolant is trilinear.
@@ -28,124 +26,12 @@ pub(super) mod dual {
     pub(in crate::render) const BLENDED: u8 = 3;
 }
 
-/// One block of mapped values: [`Block`] with every cell filled.
-#[derive(Debug, Default)]
-pub(super) struct ScaledBlock {
-    /// Cells along an edge, ghosts included.
-    pub(super) side: usize,
-    /// x of the transfer function, unclamped, x fastest.
-    pub(super) values: Vec<f64>,
-    /// [`state`] bits. In the brick's own block a hole has its owner's VOID bit.
-    pub(super) states: Vec<u8>,
-    /// Where the brick's lower corner lies in the block's cell 0 (ghosts not counted), in cells.
-    pub(super) corner: [f64; 3],
-    /// Width of one of the brick's cells, in the block's.
-    pub(super) scale: f64,
-}
-
-impl ScaledBlock {
-    /// Index of the cell (x, y, z) counted from the block's lowest cell, its ghost.
-    #[inline]
-    pub(super) fn at(&self, [x, y, z]: [usize; 3]) -> usize {
-        (z * self.side + y) * self.side + x
-    }
-
-    /// Becomes as another is.
-    fn copy(&mut self, other: &Self) {
-        self.side = other.side;
-        self.values.clear();
-        self.states.clear();
-        self.values.reserve_exact(other.values.len());
-        self.states.reserve_exact(other.states.len());
-        self.values.extend_from_slice(&other.values);
-        self.states.extend_from_slice(&other.states);
-        (self.corner, self.scale) = (other.corner, other.scale);
-    }
-
-    fn load(&mut self, raw: &Block, mapping: impl Fn(&[f32], &mut [f64])) {
-        self.side = raw.side;
-        self.states.clear();
-        self.values.clear();
-        // Exact, because the memory limit counts these bytes.
-        self.states.reserve_exact(raw.states.len());
-        self.values.reserve_exact(raw.values.len());
-        self.states.extend_from_slice(&raw.states);
-        self.values.resize(raw.values.len(), 0.0);
-        mapping(&raw.values, &mut self.values);
-        for (x, bits) in self.values.iter_mut().zip(&raw.states) {
-            *x = if bits & state::EXISTS == 0 { 0.0 } else { held(*x) };
-        }
-    }
-}
-
 /// What takes many stored values to x, from what takes one.
 pub fn one_by_one(mapping: impl Fn(f32) -> f64) -> impl Fn(&[f32], &mut [f64]) {
     move |stored, out| {
         out.iter_mut().zip(stored).for_each(|(x, stored)| *x = mapping(*stored));
     }
 }
-
-fn held(x: f64) -> f64 {
-    if x.is_nan() { 0.0 } else { x.clamp(-LARGEST, LARGEST) }
-}
-
-/// A block in f32.
-#[derive(Debug, Default)]
-pub(super) struct NarrowBlock {
-    /// The block's values.
-    pub(super) values: Vec<f32>,
-    /// Which of a dual cell's eight cells exist: bit a of a cell's number is set where it is the
-    /// upper one along axis a. (side − 1)³ dual cells, x fastest, and padding for lanes; empty
-    /// where the brick has no borders.
-    pub(super) corners: Vec<u8>,
-}
-
-impl NarrowBlock {
-    fn clear(&mut self) {
-        self.values.clear();
-        self.corners.clear();
-    }
-
-    fn fill(&mut self, block: &ScaledBlock, has_borders: bool) {
-        self.values.reserve_exact(block.values.len());
-        self.values.extend(block.values.iter().map(|&x| x as f32));
-        if !has_borders {
-            return;
-        }
-        gather_corners(&mut self.corners, block, |bits, corner| {
-            u8::from(bits & EXISTING != 0) << corner
-        });
-        self.corners.extend([0; BYTE_PADDING]);
-    }
-}
-
-/// For each dual cell of a block, x fastest, all bits that `flags` makes of its corners' states;
-/// with room for padding.
-fn gather_corners(out: &mut Vec<u8>, block: &ScaledBlock, flags: impl Fn(u8, usize) -> u8) {
-    const MOST_SIDE: usize = BrickShape::MOST_CELLS + 2;
-    let (side, count) = (block.side, block.side - 1);
-    // Exact, because the memory limit counts these bytes.
-    out.reserve_exact(count.pow(3) + BYTE_PADDING);
-    // A plane at a time, as one long row; its last column's are of no dual cell.
-    let mut plane = [0; MOST_SIDE * MOST_SIDE];
-    let plane = &mut plane[..count * side - 1];
-    for z in 0..count {
-        plane.fill(0);
-        for corner in 0..8 {
-            let first = block.at([corner & 1, corner >> 1 & 1, z + (corner >> 2 & 1)]);
-            let states = &block.states[first..][..plane.len()];
-            for (all, bits) in plane.iter_mut().zip(states) {
-                *all |= flags(*bits, corner);
-            }
-        }
-        for row in plane.chunks(side) {
-            out.extend_from_slice(&row[..count]);
-        }
-    }
-}
-
-/// States of cells that count as existing.
-const EXISTING: u8 = state::EXISTS | state::OUTSIDE;
 
 /// A decoded brick in the scene's own scale. Its memory is reused from brick to brick.
 #[derive(Debug, Default)]
@@ -185,7 +71,8 @@ impl ScaledBrick {
 
     /// Most heap bytes that a brick of `shape` with `blocks` blocks takes.
     pub fn bytes(shape: BrickShape, blocks: usize, interpolation: Interpolation) -> u64 {
-        let coarse = if blocks > 1 {
+        let has_coarse = interpolation == Interpolation::Linear && blocks > 1;
+        let coarse = if has_coarse {
             size_of::<Self>() as u64
                 + Self::bytes_of_one(shape.coarser(), blocks - 1, interpolation)
         } else {
@@ -227,21 +114,26 @@ impl ScaledBrick {
         check(raw, place, header.shape)?;
         self.reset(header.shape.edge(), interpolation);
         match interpolation {
-            Interpolation::Cell => self.load_cells(&raw.blocks, &mapping),
-            Interpolation::Linear => self.load_linear(raw, place, header, &mapping),
-        }
-        let core = Core::of(&raw.blocks[0], self.edge);
-        if raw.blocks.len() > 1 && !core.is_all(self.edge) {
-            self.core = Some(core);
-            let mut coarse = self.coarse.take().unwrap_or_default();
-            coarse.reset(self.edge / 2, interpolation);
-            match interpolation {
-                Interpolation::Cell => coarse.load_cells(&raw.blocks[1..], mapping),
-                Interpolation::Linear => coarse.take_above(self, &raw.blocks[1..]),
+            Interpolation::Cell => self.load_cells(raw, mapping),
+            Interpolation::Linear => {
+                self.load_linear(raw, place, header, mapping);
+                self.find_margin(raw);
             }
-            self.coarse = Some(coarse);
         }
         Ok(())
+    }
+
+    /// Sets up the next coarser level where the own one does not fill the brick. Constant cells do
+    /// without: they have no borders, and more parts cost packets more than fewer cells gain.
+    fn find_margin(&mut self, raw: &RawBrick) {
+        let core = Core::of(&raw.blocks[0], self.edge);
+        if raw.blocks.len() == 1 || core.is_all(self.edge) {
+            return;
+        }
+        let mut coarse = self.coarse.take().unwrap_or_default();
+        coarse.reset(self.edge / 2, Interpolation::Linear);
+        coarse.take_above(self, &raw.blocks[1..]);
+        (self.core, self.coarse) = (Some(core), Some(coarse));
     }
 
     /// Where its own level lies, and the brick as the next coarser level has it, to be drawn where
@@ -295,10 +187,10 @@ impl ScaledBrick {
         self.used = blocks;
     }
 
-    fn load_cells(&mut self, raw: &[Block], mapping: impl Fn(&[f32], &mut [f64])) {
+    fn load_cells(&mut self, raw: &RawBrick, mapping: impl Fn(&[f32], &mut [f64])) {
         self.reserve(1);
         let (edge, bits) = (self.edge, self.edge_bits);
-        let (block, own) = (&mut self.blocks[0], &raw[0]);
+        let (block, own) = (&mut self.blocks[0], &raw.blocks[0]);
         block.side = own.side;
         block.states.clear();
         block.values.clear();
@@ -312,7 +204,7 @@ impl ScaledBrick {
                 let mut states = [0; BrickShape::MOST_CELLS];
                 for x in 0..edge {
                     (stored[x], states[x]) = match own.states[first + x] {
-                        0 => owner(raw, [x, y, z], bits),
+                        0 => owner(&raw.blocks, [x, y, z], bits),
                         states => (own.values[first + x], states),
                     };
                 }

@@ -87,11 +87,14 @@ fn a_brick_used_again_forgets_and_stays_within_its_bytes() {
                 assert_eq!(again.to_bits(), once.to_bits());
             }
             let block =
-                |b: &super::scaled::ScaledBlock| 4 * b.values.capacity() + b.states.capacity();
+                |b: &super::blocks::ScaledBlock| 8 * b.values.capacity() + b.states.capacity();
+            let narrow =
+                |b: &super::blocks::NarrowBlock| 4 * b.values.capacity() + b.corners.capacity();
             let used = |brick: &ScaledBrick| {
                 brick.blocks.iter().map(block).sum::<usize>()
                     + brick.duals.capacity()
-                    + brick.blocks.capacity() * size_of::<super::scaled::ScaledBlock>()
+                    + brick.narrow.iter().map(narrow).sum::<usize>()
+                    + brick.blocks.capacity() * size_of::<super::blocks::ScaledBlock>()
             };
             let coarse =
                 fresh.margin().map_or(0, |(_, coarse)| size_of::<ScaledBrick>() + used(coarse));

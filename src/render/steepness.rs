@@ -1,8 +1,9 @@
 //! How far the values of a brick's blocks range, and their slopes, group by group.
 
+use super::blocks::ScaledBlock;
 use super::ranges::Ranges;
 use super::relief::GROUP_EDGE;
-use super::scaled::{ScaledBlock, ScaledBrick, dual};
+use super::scaled::{ScaledBrick, dual};
 use super::windows::{Folder, Triples, Window};
 use crate::cache::state;
 

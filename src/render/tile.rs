@@ -176,7 +176,7 @@ impl Tile {
         let covered = grid.covered(footprint);
         let mut samples = 0;
         for row in pixels.rows() {
-            let range = self.row(&pixels, row);
+            let range = self.row(pixels, row);
             let mut at = range.start;
             while let Some(index) = self.next_alive(at..range.end) {
                 at = index + 1;

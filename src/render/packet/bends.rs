@@ -27,6 +27,9 @@ pub(super) struct Off<L: Lanes> {
     /// Its optical depth, at most.
     pub(super) depth: L::Float,
     pub(super) seen: Seen<L>,
+    /// Steepest slopes of emission and extinction that its values, and what they may be off by as
+    /// they are stored, meet.
+    pub(super) steepest: [L::Float; 2],
 }
 
 /// What x is along a part.
@@ -101,7 +104,9 @@ pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     let middle = l.mul(l.add(a, b), l.splat(0.5));
     let half = l.fma(width, l.splat(0.5), off);
     let (zero, one) = (l.splat(0.0), l.splat(1.0));
-    let [curved, slope, fade, _] = slopes_near(l, ground, middle, half);
+    let [curved, slope, fade, _] =
+        slopes_near(l, ground, middle, l.add(half, l.splat(ground.storage)));
+    let steepest = [slope, fade];
     // Where x is no cubic nodes are off its mean by as much as it is off the line, and back.
     let mean = l.fma(bend.kink, l.splat(2.0), l.mul(bend.fourth, l.splat(1.0 / 180.0)));
     let odd = l.mul(bend.third, l.fma(bend.third, l.splat(0.0011), l.mul(width, l.splat(0.0112))));
@@ -120,7 +125,16 @@ pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     let unseen = l.fma(mean, slope, l.add(smooth, kinked));
     if !ABSORBS {
         let emission = unseen;
-        return Off { emission, extinction: zero, most: zero, curved: zero, depth: zero, seen };
+        let none = zero;
+        return Off {
+            emission,
+            extinction: none,
+            most: none,
+            curved: none,
+            depth: none,
+            seen,
+            steepest,
+        };
     }
     let step = l.sub(high[1], low[1]);
     let mean = l.fma(mean, fade, l.mul(step, kink_share));
@@ -157,6 +171,7 @@ pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
         curved: l.mul(l.mul(fourth, share), near),
         depth,
         seen,
+        steepest,
     }
 }
 

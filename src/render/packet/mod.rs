@@ -28,7 +28,7 @@ use self::cube::{Cube, Skew};
 use self::rows::is_less;
 use self::square::{Shift, Squares};
 pub(super) use self::sums::DEEPEST;
-use self::sums::{Stretch, Sums, Terms};
+use self::sums::{Steep, Stretch, Sums, Terms};
 use self::walk::{Exit, Walk};
 use super::lanes::{Kernel, Lanes, MOST_LANES, Row};
 use super::scaled::dual;
@@ -70,8 +70,12 @@ pub(super) struct Ground<'g> {
     pub(super) rates: &'g [u32],
     /// The same of what lies beneath the brick; empty where nothing does.
     pub(super) levels: &'g [u32],
-    /// The same of stored values, of each cell where these are constant.
+    /// The same of stored values, of each cell where these are constant; else empty.
     pub(super) storages: &'g [u32],
+    /// What stored values make of emission and extinction in each group, relative to the table's,
+    /// and what they make of x; and that at most.
+    pub(super) stored: &'g [[f32; 4]],
+    pub(super) storage: f32,
     /// Where rays stand for squares, for each group, and all in one: steepest slopes of x along each
     /// axis, half the ranges of these, the range of x, and a filler; else empty.
     pub(super) reliefs: &'g [[f32; 8]],
@@ -257,7 +261,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
         // The rates of lanes that are not active may be no numbers.
         let emission_off = l.select(active, l.upper_half(bits), zero);
         let extinction_off = l.select(active, l.lower_half(bits), zero);
-        let mut lit = zero;
+        let mut steep = Steep::none(l);
         let shift = if has_squares {
             squares.shift(l, ground, (&walk, way, group), BLENDED)
         } else {
@@ -282,7 +286,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
                 if has_squares {
                     shift.add::<ABSORBS>(l, ground, packet, (&passed, length), ahead);
                 }
-                lit = l.add(lit, passed.lit);
+                steep.add::<ABSORBS>(l, &passed.steep);
                 ahead = l.and(ahead, is_less(l, to, way));
                 from = l.select(ahead, to, from);
             }
@@ -295,15 +299,16 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
             if has_squares {
                 shift.add::<ABSORBS>(l, ground, packet, (&passed, way), active);
             }
-            lit = passed.lit;
+            steep = passed.steep;
         }
+        let lit = steep.lit;
         sums.off = add_off::<L, ABSORBS>(l, sums.off, [emission_off, extinction_off], lit, way);
         if !ground.levels.is_empty() {
             let rates = rates_at(l, ground.levels, group, active);
             sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, lit, way);
         }
-        let rates = rates_at(l, ground.storages, group, active);
-        sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, lit, way);
+        let row = l.gather_row(ground.stored, group);
+        sums.stored = add_stored::<L, ABSORBS>(l, sums.stored, (row, active), &steep, way);
         active = go_on::<L, ABSORBS>(l, &mut walk, &exit, active, (sums.depth, fade));
     }
     sums.store(l, packet);
@@ -331,6 +336,25 @@ fn go_on<L: Lanes, const ABSORBS: bool>(
 fn rates_at<L: Lanes>(l: L, rates: &[u32], group: L::Index, active: L::Mask) -> [L::Float; 2] {
     let (bits, zero) = (l.gather_bits(rates, group), l.splat(0.0));
     [l.select(active, l.upper_half(bits), zero), l.select(active, l.lower_half(bits), zero)]
+}
+
+/// Adds what values in a group that are stored as `row` says make over `way`, in active lanes: by
+/// the group's steepest slopes, or by those that were met.
+#[inline(always)]
+fn add_stored<L: Lanes, const ABSORBS: bool>(
+    l: L,
+    mut sums: [L::Float; 3],
+    (row, active): ([L::Float; 4], L::Mask),
+    Steep { lit, slopes }: &Steep<L>,
+    way: L::Float,
+) -> [L::Float; 3] {
+    let [emission, extinction, x, _] = row;
+    let of_group = [l.mul(emission, *lit), l.mul(extinction, *lit), l.mul(extinction, way)];
+    for n in 0..if ABSORBS { 3 } else { 1 } {
+        let least = l.min(of_group[n], l.mul(x, slopes[n]));
+        sums[n] = l.add(sums[n], l.select(active, least, l.splat(0.0)));
+    }
+    sums
 }
 
 /// Adds what is off over `way`, of which `lit` is seen.

@@ -163,10 +163,10 @@ impl<L: Lanes> Shift<L> {
         l: L,
         ground: &Ground<'_>,
         packet: &mut Packet,
-        (Passed { seen, lit, .. }, way): (&Passed<L>, L::Float),
+        (Passed { seen, steep, .. }, way): (&Passed<L>, L::Float),
         active: L::Mask,
     ) {
-        let lit = *lit;
+        let lit = steep.lit;
         let reach = l.add(self.most, l.splat(ground.reach));
         let half = l.add(l.min(seen.half, self.range), reach);
         let [curved, slope, fade, _] = slopes_near(l, ground, seen.middle, half);

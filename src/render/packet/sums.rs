@@ -66,8 +66,30 @@ pub(super) struct Passed<L: Lanes> {
     pub(super) count: u64,
     /// What x is along it.
     pub(super) seen: Seen<L>,
-    /// ∫ T dt over it.
+    pub(super) steep: Steep<L>,
+}
+
+/// How a stretch, or several, answer to values that are off: ∫ T dt, and the same of the steepest
+/// slopes of emission and of extinction; and ∫ dt of the latter.
+#[derive(Clone, Copy)]
+pub(super) struct Steep<L: Lanes> {
     pub(super) lit: L::Float,
+    pub(super) slopes: [L::Float; 3],
+}
+
+impl<L: Lanes> Steep<L> {
+    #[inline(always)]
+    pub(super) fn none(l: L) -> Self {
+        Self { lit: l.splat(0.0), slopes: [l.splat(0.0); 3] }
+    }
+
+    #[inline(always)]
+    pub(super) fn add<const ABSORBS: bool>(&mut self, l: L, other: &Self) {
+        self.lit = l.add(self.lit, other.lit);
+        for n in 0..if ABSORBS { 3 } else { 1 } {
+            self.slopes[n] = l.add(self.slopes[n], other.slopes[n]);
+        }
+    }
 }
 
 impl<L: Lanes> Sums<L> {
@@ -114,7 +136,7 @@ impl<L: Lanes> Sums<L> {
             open = l.and(open, finer.open);
         }
         self.add::<ABSORBS>(l, &gain);
-        Passed { count, seen, lit: gain.lit }
+        Passed { count, seen, steep: gain.steep }
     }
 
     #[inline(always)]
@@ -135,7 +157,7 @@ struct Gain<L: Lanes> {
     light: [L::Float; 3],
     /// Optical depth behind it.
     depth: L::Float,
-    lit: L::Float,
+    steep: Steep<L>,
     off: [L::Float; 3],
     /// Which lanes are off by too much.
     open: L::Mask,
@@ -148,9 +170,10 @@ impl<L: Lanes> Gain<L> {
         for n in 0..3 {
             self.light[n] = l.select(lanes, other.light[n], self.light[n]);
             self.off[n] = l.select(lanes, other.off[n], self.off[n]);
+            self.steep.slopes[n] = l.select(lanes, other.steep.slopes[n], self.steep.slopes[n]);
         }
         self.depth = l.select(lanes, other.depth, self.depth);
-        self.lit = l.select(lanes, other.lit, self.lit);
+        self.steep.lit = l.select(lanes, other.steep.lit, self.steep.lit);
     }
 
     /// Of a stretch behind an optical depth, passed in so many equal parts; and what x is along the
@@ -169,7 +192,8 @@ impl<L: Lanes> Gain<L> {
         let thickness = l.mul(step, terms.thickness);
         let (mut deepest, zero) = (l.splat(0.0), l.splat(0.0));
         let open = l.mask(0);
-        let mut gain = Self { light: [zero; 3], depth, lit: zero, off: [zero; 3], open };
+        let steep = Steep::none(l);
+        let mut gain = Self { light: [zero; 3], depth, steep, off: [zero; 3], open };
         let mut seen = Seen { middle: zero, half: zero, off: zero, rise: zero };
         for count in 0..parts {
             let (mut shades, mut values) = ([[half; 4]; 2], [half; 2]);
@@ -202,7 +226,7 @@ impl<L: Lanes> Gain<L> {
                 brightest = l.max(brightest, light);
             }
             let lit = l.add(weights[0], weights[1]);
-            gain.lit = l.add(gain.lit, lit);
+            gain.steep.lit = l.add(gain.steep.lit, lit);
             let bend = match part {
                 Some(part) => part.bend(l, bend, share, &blends),
                 None => bend.along(l, share),
@@ -211,7 +235,11 @@ impl<L: Lanes> Gain<L> {
             let found = crooked::<L, ABSORBS>(l, ground, (values, bend), depths);
             seen = found.seen;
             gain.off[0] = l.fma(found.emission, lit, gain.off[0]);
+            let [slope, fade] = found.steepest;
+            gain.steep.slopes[0] = l.fma(slope, lit, gain.steep.slopes[0]);
             if ABSORBS {
+                gain.steep.slopes[1] = l.fma(fade, lit, gain.steep.slopes[1]);
+                gain.steep.slopes[2] = l.fma(fade, step, gain.steep.slopes[2]);
                 gain.off[1] = l.fma(found.extinction, lit, gain.off[1]);
                 gain.off[2] = l.fma(found.extinction, step, gain.off[2]);
                 // The depth in front of a node is off by up to three times as much.
