@@ -145,7 +145,7 @@ fn write_picture(
                 ("deepfieldStats", json(&rendered.stats)?),
             ];
             let attributes = attributes.map(|(name, value)| (name.to_owned(), value));
-            write_exr(path, film, &attributes, rendered.stats.threads)
+            write_exr(path, film, &attributes, rendered.writers)
         }
     }
 }

@@ -26,8 +26,9 @@ const AHEAD_SLOTS: usize = 2;
 const WRITING_PER_COLUMN: u64 = 4 * 16 * 16;
 /// The rest of what writing takes, on each thread.
 const WRITING_FIXED: u64 = 1 << 20;
-/// Index windows beyond the fewest take at most this part of what is left.
-const EXTRA_WINDOWS_SHARE: u64 = 8;
+/// Index windows beyond the fewest, and threads beyond one that write, take at most this part of
+/// what is left.
+const EXTRA_SHARE: u64 = 8;
 
 /// How a picture divides its memory limit. The fewest bytes depend on picture, cache and threads
 /// only, never on the limit.
@@ -39,6 +40,8 @@ pub struct MemoryPlan {
     pub windows: usize,
     /// Slots of the brick pool.
     pub slots: usize,
+    /// Threads that write the picture.
+    pub writers: usize,
     /// What takes how much, bytes.
     parts: Vec<(&'static str, u64)>,
 }
@@ -121,14 +124,24 @@ impl MemoryPlan {
             .saturating_add(fewest_slots.saturating_mul(demand.slot));
         let left = limit.checked_sub(fewest).ok_or_else(|| too_small(limit, fewest))?;
         let useful = demand.index_windows.saturating_sub(fewest_windows);
-        let more_windows = useful.min(left / EXTRA_WINDOWS_SHARE / WINDOW_BYTES);
+        let more_windows = useful.min(left / EXTRA_SHARE / WINDOW_BYTES);
         let left = left - more_windows * WINDOW_BYTES;
+        let more_writers =
+            (threads.min(MOST_WRITERS as u64) - 1).min(left / EXTRA_SHARE / writing(demand));
+        let left = left - more_writers * writing(demand);
         let more_slots = (left / demand.slot.max(1)).min(bricks.saturating_sub(fewest_slots));
         let (windows, slots) = (fewest_windows + more_windows, fewest_slots + more_slots);
         parts.push(("the index", windows * WINDOW_BYTES));
         parts.push(("the brick pool", slots * demand.slot));
+        parts.push(("writing on more threads", more_writers * writing(demand)));
         let count = |n: u64| usize::try_from(n).unwrap_or(usize::MAX);
-        Ok(Self { readers: count(readers), windows: count(windows), slots: count(slots), parts })
+        Ok(Self {
+            readers: count(readers),
+            windows: count(windows),
+            slots: count(slots),
+            writers: 1 + count(more_writers),
+            parts,
+        })
     }
 
     /// Takes everything from `budget`, until the reservations are dropped.
@@ -140,6 +153,11 @@ impl MemoryPlan {
     }
 }
 
+/// What a thread takes that writes the picture.
+fn writing(demand: &Demand) -> u64 {
+    u64::from(demand.width) * WRITING_PER_COLUMN + WRITING_FIXED
+}
+
 /// Pieces and tables of a transfer function, twice while a glance is taken.
 const TRANSFER_BYTES: u64 = 2 << 20;
 
@@ -149,11 +167,7 @@ fn fixed_parts(demand: &Demand) -> Vec<(&'static str, u64)> {
     vec![
         ("the picture", Film::bytes_needed(demand.width, demand.height)),
         ("the tiles' errors", demand.tiles.saturating_mul(size_of::<TileError>() as u64)),
-        (
-            "writing the picture",
-            threads.min(MOST_WRITERS as u64)
-                * (u64::from(demand.width) * WRITING_PER_COLUMN + WRITING_FIXED),
-        ),
+        ("writing the picture", writing(demand)),
         (
             "the marching threads",
             threads.saturating_mul(thread.saturating_add(Tile::BYTES + Sheet::BYTES)),

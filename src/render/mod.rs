@@ -142,6 +142,8 @@ pub struct Rendered {
     pub film: Film,
     /// What it took.
     pub stats: Stats,
+    /// On how many threads it may be written within the limit.
+    pub writers: usize,
 }
 
 /// Renders `scene` from `cache` within a memory limit.
@@ -193,7 +195,7 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     stats.load_seconds = load_seconds;
     stats.render_seconds = started.elapsed().as_secs_f64() - load_seconds;
     stats.set_opening(0.0);
-    Ok(Rendered { film: outcome.film, stats })
+    Ok(Rendered { film: outcome.film, stats, writers: plan.writers })
 }
 
 fn absolute(tolerance: Tolerance, film: &Film) -> f64 {

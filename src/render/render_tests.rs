@@ -61,7 +61,7 @@ fn a_small_pool_loads_again_and_the_counts_add_up() {
     let (_folder, path) = cache();
     let scene = scene("samples = 1\ntolerance = 0", 192, 128);
     let memory = smallest(&path, &scene, 1) * MEBIBYTE;
-    let Rendered { film, stats } = draw(&path, &scene, memory, 1).unwrap();
+    let Rendered { film, stats, .. } = draw(&path, &scene, memory, 1).unwrap();
     assert!(stats.bricks_reloaded > 0);
     assert!(stats.bytes_decompressed >= 5000 * (stats.bricks_loaded + stats.bricks_reloaded));
     assert_eq!(
@@ -164,7 +164,7 @@ fn a_tolerance_is_kept_and_its_bound_holds() {
             let fine = drawn("0");
             let least = fine.stats.error_bound.unwrap();
             for tolerance in ["\"20%\"", "\"2%\"", "0.3"] {
-                let Rendered { film, stats } = drawn(tolerance);
+                let Rendered { film, stats, .. } = drawn(tolerance);
                 let what = format!("{interpolation}, {samples}, {tolerance}");
                 let bound = stats.error_bound.unwrap();
                 assert!(bound > 0.0 && bound <= stats.tolerance, "{what}: {bound} {stats:?}");

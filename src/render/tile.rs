@@ -19,7 +19,7 @@ use super::waiting::Found;
 /// How many rays are looked at one by one for the brightest that still needs light.
 const FEW_RAYS: usize = 64;
 /// Rays that set off together: whole packets.
-const MOST_BOARDING: usize = 4 * MOST_LANES;
+const MOST_BOARDING: usize = 2 * MOST_LANES;
 
 /// Up to [`BATCH_RAYS`] rays through pixels of one rectangle. The memory is reused from batch to
 /// batch.
