@@ -66,6 +66,7 @@ pub(super) fn parts<'b>(
     let Some((core, coarse)) = passage.brick.margin() else {
         return vec![Part { passage: *passage, frame: *frame, footprint: *footprint }];
     };
+    // Nothing finer lies beneath holes.
     let around = Passage { brick: coarse, drawn: DrawnNeighbours::ALL, hides: false, ..*passage };
     let wide = frame.coarser();
     let (before, rest, behind) = cut(passage.region, core, frame);
