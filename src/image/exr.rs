@@ -3,7 +3,7 @@
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::ops::Range;
 use std::path::Path;
-use std::thread::Builder;
+use std::thread::{Builder, ScopedJoinHandle};
 
 use exr::block::chunk::Chunk;
 use exr::block::lines::LineRefMut;
@@ -117,14 +117,17 @@ fn compressed(
         let others: Vec<_> = blocks
             .map(|index| {
                 let thread = Builder::new().stack_size(STACK_BYTES);
-                thread.spawn_scoped(scope, move || compress(index))
+                (index, thread.spawn_scoped(scope, move || compress(index)))
             })
             .collect();
         let first = std::iter::once(compress(first));
-        let others = others.into_iter().map(|thread| match thread?.join() {
-            Ok(chunk) => chunk,
-            Err(panic) => std::panic::resume_unwind(panic),
-        });
+        // Where the system grants no more threads, this one does it.
+        let others =
+            others.into_iter().map(|(index, thread)| match thread.map(ScopedJoinHandle::join) {
+                Ok(Ok(chunk)) => chunk,
+                Ok(Err(panic)) => std::panic::resume_unwind(panic),
+                Err(_) => compress(index),
+            });
         first.chain(others).collect()
     })
 }

@@ -28,26 +28,26 @@ impl ScaledBlock {
         (z * self.side + y) * self.side + x
     }
 
+    /// Sets states, with room for as many values and none yet.
+    fn begin(&mut self, side: usize, states: &[u8]) {
+        self.side = side;
+        self.states.clear();
+        self.values.clear();
+        // Exact, because the memory limit counts these bytes.
+        self.states.reserve_exact(states.len());
+        self.values.reserve_exact(states.len());
+        self.states.extend_from_slice(states);
+    }
+
     /// Becomes as another is.
     pub(super) fn copy(&mut self, other: &Self) {
-        self.side = other.side;
-        self.values.clear();
-        self.states.clear();
-        self.values.reserve_exact(other.values.len());
-        self.states.reserve_exact(other.states.len());
+        self.begin(other.side, &other.states);
         self.values.extend_from_slice(&other.values);
-        self.states.extend_from_slice(&other.states);
         (self.corner, self.scale) = (other.corner, other.scale);
     }
 
     pub(super) fn load(&mut self, raw: &Block, mapping: impl Fn(&[f32], &mut [f64])) {
-        self.side = raw.side;
-        self.states.clear();
-        self.values.clear();
-        // Exact, because the memory limit counts these bytes.
-        self.states.reserve_exact(raw.states.len());
-        self.values.reserve_exact(raw.values.len());
-        self.states.extend_from_slice(&raw.states);
+        self.begin(raw.side, &raw.states);
         self.values.resize(raw.values.len(), 0.0);
         mapping(&raw.values, &mut self.values);
         for (x, bits) in self.values.iter_mut().zip(&raw.states) {

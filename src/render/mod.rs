@@ -29,13 +29,13 @@ mod ledger;
 #[cfg(test)]
 mod ledger_tests;
 pub mod load;
-mod march;
+pub mod march;
 mod march_cell;
 mod march_linear;
 mod march_packets;
 #[cfg(test)]
 mod march_tests;
-pub mod margin;
+mod margin;
 #[cfg(test)]
 mod margin_tests;
 pub mod memory;

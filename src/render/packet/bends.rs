@@ -124,17 +124,8 @@ pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     let kinked = l.fma(l.sub(high[0], low[0]), kink_share, turned);
     let unseen = l.fma(mean, slope, l.add(smooth, kinked));
     if !ABSORBS {
-        let emission = unseen;
-        let none = zero;
-        return Off {
-            emission,
-            extinction: none,
-            most: none,
-            curved: none,
-            depth: none,
-            seen,
-            steepest,
-        };
+        let [extinction, most, curved, depth] = [zero; 4];
+        return Off { emission: unseen, extinction, most, curved, depth, seen, steepest };
     }
     let step = l.sub(high[1], low[1]);
     let mean = l.fma(mean, fade, l.mul(step, kink_share));
