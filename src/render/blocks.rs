@@ -29,25 +29,32 @@ impl ScaledBlock {
     }
 
     /// Sets states, with room for as many values and none yet.
-    fn begin(&mut self, side: usize, states: &[u8]) {
+    fn begin(&mut self, side: usize, states: impl ExactSizeIterator<Item = u8>) {
         self.side = side;
         self.states.clear();
         self.values.clear();
         // Exact, because the memory limit counts these bytes.
         self.states.reserve_exact(states.len());
         self.values.reserve_exact(states.len());
-        self.states.extend_from_slice(states);
+        self.states.extend(states);
+    }
+
+    /// Becomes a block of cells of one level that all exist.
+    pub(super) fn take(&mut self, side: usize, values: &[f64]) {
+        self.begin(side, values.iter().map(|_| state::EXISTS));
+        self.values.extend_from_slice(values);
+        (self.corner, self.scale) = ([0.0; 3], 1.0);
     }
 
     /// Becomes as another is.
     pub(super) fn copy(&mut self, other: &Self) {
-        self.begin(other.side, &other.states);
+        self.begin(other.side, other.states.iter().copied());
         self.values.extend_from_slice(&other.values);
         (self.corner, self.scale) = (other.corner, other.scale);
     }
 
     pub(super) fn load(&mut self, raw: &Block, mapping: impl Fn(&[f32], &mut [f64])) {
-        self.begin(raw.side, &raw.states);
+        self.begin(raw.side, raw.states.iter().copied());
         self.values.resize(raw.values.len(), 0.0);
         mapping(&raw.values, &mut self.values);
         for (x, bits) in self.values.iter_mut().zip(&raw.states) {

@@ -94,6 +94,15 @@ impl Frame {
         }
     }
 
+    /// The length, code length, of about the longest way through a box of `edge` cells along each
+    /// axis that is seen in `footprint`.
+    pub(super) fn crossing(&self, footprint: &Footprint, edge: f64) -> f64 {
+        let middle = |lo: f64, hi: f64| if (lo + hi).is_finite() { 0.5 * (lo + hi) } else { 0.0 };
+        let (lo, hi) = (footprint.plane_lo, footprint.plane_hi);
+        let ray = self.ray(DVec2::new(middle(lo.x, hi.x), middle(lo.y, hi.y)));
+        edge / ray.direction.abs().max_element() * ray.length
+    }
+
     /// The same in cells twice as wide.
     pub(super) fn coarser(&self) -> Self {
         Self {

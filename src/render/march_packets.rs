@@ -67,16 +67,16 @@ struct Place<'p> {
 }
 
 impl Packets {
-    /// Bytes at most: what is known of the groups and dual cells of the largest brick, in vectors
-    /// that have grown to at most twice what they hold.
-    pub(super) const BYTES: u64 = {
-        let duals = BrickShape::MOST_CELLS + 1;
+    /// Bytes at most, for bricks of `shape`: what is known of groups and dual cells, in vectors that
+    /// have grown to at most twice what they hold.
+    pub(super) fn bytes(shape: BrickShape) -> u64 {
+        let duals = shape.edge() + 1;
         let groups = duals.div_ceil(GROUP_EDGE);
         let known = (2 * size_of::<u32>() + size_of::<[f32; 12]>()) * (groups.pow(3) + 1)
             + duals.pow(3)
             + BYTE_PADDING;
         (2 * known + size_of::<Packet>() + 2 * MOST_LANES * size_of::<Rider>()) as u64
-    };
+    }
 
     /// Of the widest kind that this processor has.
     pub(super) fn new() -> Self {

@@ -8,6 +8,7 @@
 use super::frame::{Footprint, Frame};
 use super::interpolant::DrawnNeighbours;
 use super::march::{Passage, Region};
+use super::scaled::ScaledBrick;
 use crate::cache::Block;
 
 /// The smallest box of whole coarser cells that holds all cells that exist, in the brick's cells:
@@ -56,6 +57,18 @@ pub(super) struct Part<'b> {
     pub(super) footprint: Footprint,
 }
 
+impl<'b> Part<'b> {
+    /// The same box of `brick`, which has cells twice as wide and hides nothing.
+    pub(super) fn wider(self, brick: &'b ScaledBrick) -> Self {
+        let Self { passage, frame, footprint } = self;
+        let half = |corner: [f64; 3]| corner.map(|x| 0.5 * x);
+        let Region { lo, hi, ends } = passage.region;
+        let region = Region { lo: half(lo), hi: half(hi), ends };
+        let passage = Passage { brick, region, drawn: DrawnNeighbours::ALL, hides: false };
+        Self { passage, frame: frame.coarser(), footprint }
+    }
+}
+
 /// The parts that rays pass in what a passage draws, front to back, whatever the ray. All of it is
 /// seen within `footprint`.
 pub(super) fn parts<'b>(
@@ -66,18 +79,12 @@ pub(super) fn parts<'b>(
     let Some((core, coarse)) = passage.brick.margin() else {
         return vec![Part { passage: *passage, frame: *frame, footprint: *footprint }];
     };
-    // Nothing finer lies beneath holes.
-    let around = Passage { brick: coarse, drawn: DrawnNeighbours::ALL, hides: false, ..*passage };
-    let wide = frame.coarser();
     let (before, rest, behind) = cut(passage.region, core, frame);
     let part = |region: Region, is_core: bool| {
         let footprint = frame.footprint(region.lo.into(), region.hi.into())?;
-        Some(if is_core {
-            Part { passage: Passage { region, ..*passage }, frame: *frame, footprint }
-        } else {
-            let region = halved(&region);
-            Part { passage: Passage { region, ..around }, frame: wide, footprint }
-        })
+        let part = Part { passage: Passage { region, ..*passage }, frame: *frame, footprint };
+        // Nothing finer lies beneath holes.
+        Some(if is_core { part } else { part.wider(coarse) })
     };
     let outside = |region| part(region, false);
     let mut parts: Vec<_> = before.into_iter().filter_map(outside).collect();
@@ -114,10 +121,4 @@ fn cut(region: Region, core: &Core, frame: &Frame) -> (Vec<Region>, Option<Regio
         }
     }
     (before, Some(rest), behind)
-}
-
-/// The same in cells twice as wide.
-fn halved(region: &Region) -> Region {
-    let half = |corner: [f64; 3]| corner.map(|x| 0.5 * x);
-    Region { lo: half(region.lo), hi: half(region.hi), ends: region.ends }
 }

@@ -61,8 +61,9 @@ struct Demand {
     /// Windows that hold the whole index, and bytes of its page checksums.
     index_windows: u64,
     page_table: u64,
-    /// One thread's decoder and buffers.
+    /// One thread's decoder and buffers; and its rays and what it marches them by.
     scratch: u64,
+    tile: u64,
     /// A slot with a brick of the largest kind.
     slot: u64,
     /// Whether all bricks stay.
@@ -102,6 +103,7 @@ impl MemoryPlan {
                 index_windows: index_bytes.div_ceil(WINDOW_BYTES),
                 page_table: header.index_pages.saturating_mul(8),
                 scratch: BrickScratch::bytes(cache),
+                tile: Tile::bytes(header.shape, blocks) + Sheet::BYTES,
                 slot: loaded_bytes(header.shape, blocks, interpolation),
                 resident: options.resident,
             },
@@ -168,10 +170,7 @@ fn fixed_parts(demand: &Demand) -> Vec<(&'static str, u64)> {
         ("the picture", Film::bytes_needed(demand.width, demand.height)),
         ("the tiles' errors", demand.tiles.saturating_mul(size_of::<TileError>() as u64)),
         ("writing the picture", writing(demand)),
-        (
-            "the marching threads",
-            threads.saturating_mul(thread.saturating_add(Tile::BYTES + Sheet::BYTES)),
-        ),
+        ("the marching threads", threads.saturating_mul(thread.saturating_add(demand.tile))),
         ("the reading threads", readers.saturating_mul(thread)),
         ("the index' checksums", demand.page_table),
         ("the counters", Counters::bytes(demand.bricks)),
@@ -207,6 +206,7 @@ mod tests {
             index_windows: cache.1,
             page_table: cache.1 * 32,
             scratch: cache.2,
+            tile: cache.2 / 2,
             slot: cache.3,
             resident: cache.4,
         })

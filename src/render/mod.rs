@@ -22,6 +22,7 @@ mod fill;
 pub mod frame;
 mod goal;
 mod grade;
+mod halves;
 pub mod interpolant;
 #[cfg(test)]
 mod interpolant_tests;
@@ -75,6 +76,7 @@ mod test_fixed;
 mod test_scene;
 #[cfg(test)]
 mod test_tree;
+mod thin;
 mod tile;
 mod touch;
 pub mod transfer_pieces;

@@ -7,7 +7,7 @@ use std::thread::{Builder, Scope, ScopedJoinHandle};
 
 use crossbeam::channel::Receiver;
 
-use super::cut::Cut;
+use super::cut::{Cut, ErrorCut};
 use super::goal::{Goal, TileError};
 use super::load::{BrickLoader, BrickRequest, BrickScratch};
 use super::march::Light;
@@ -15,7 +15,8 @@ use super::memory::STACK_BYTES;
 use super::rays::PixelRect;
 use super::refine::{Batch, Sheet};
 use super::scaled::ScaledBrick;
-use super::tile::Tile;
+use super::tile::{Thinning, Tile};
+use super::transfer_pieces::PieceList;
 use super::tree_walk::{FieldIndex, Scenery, Step, Walk};
 use crate::cache::Cache;
 use crate::image::Film;
@@ -32,6 +33,8 @@ pub(super) struct Picture<'r, 's> {
     pub(super) scenery: Scenery<'r>,
     pub(super) light: Light<'r>,
     pub(super) method: Method,
+    /// The transfer function without simplifications, by which bricks are surveyed.
+    pub(super) exact: &'r PieceList,
     pub(super) pool: &'r Pool<'s, BrickLoader<'s>>,
     pub(super) film: Mutex<Film>,
     /// How far each tile may be off.
@@ -117,6 +120,16 @@ impl Picture<'_, '_> {
         Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, work).map_err(|source| {
             Error::io(self.cache.path(), "cannot start a thread to render", source)
         })
+    }
+
+    /// What bricks may be off by that a batch draws in fewer cells.
+    fn thinning(&self, batch: &Batch) -> Option<Thinning<'_>> {
+        match batch.cut {
+            Cut::Error(ErrorCut { limit, behind }) if self.method.keeps_accounts() => {
+                Some(Thinning { pieces: self.exact, limit: THIN_SHARE * limit, behind })
+            }
+            _ => None,
+        }
     }
 
     fn is_stopped(&self) -> bool {
@@ -242,9 +255,9 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
             let Picture { pool, scenery, light, method, .. } = self.picture;
             let brick = self.pins.hold(&step.request, pool, &mut self.scratch)?;
             let drawn = batch.cut.drawn_neighbours(&step.request.place);
-            let accounts = method.keeps_accounts();
+            let settings = (method.keeps_accounts(), batch.care, self.picture.thinning(batch));
             self.samples[level] +=
-                self.tile.draw(step, brick, drawn, (light, scenery.pixels), (accounts, batch.care));
+                self.tile.draw(step, brick, drawn, (light, scenery.pixels), settings);
         }
         if step.is_last {
             self.pins.release(level);
@@ -252,6 +265,10 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
         Ok(())
     }
 }
+
+/// What a brick may be off by because it is drawn in fewer cells than it has, as a part of what a cut
+/// lets it be off by: many such bricks lie along a ray.
+const THIN_SHARE: f64 = 1.0 / 8.0;
 
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)

@@ -21,6 +21,11 @@ impl Change {
         Self { emission: self.emission * factor, extinction: self.extinction * factor }
     }
 
+    /// What a ray is off by for each code length of it, with so much light `behind`.
+    pub(super) fn light(self, behind: f64) -> f64 {
+        (self.emission + self.extinction * behind).max(self.extinction)
+    }
+
     pub(super) fn plus(self, other: Self) -> Self {
         Self {
             emission: self.emission + other.emission,

@@ -66,7 +66,7 @@ pub(super) struct Relief {
 
 impl Relief {
     /// Groups along the edge of a brick of `edge` cells.
-    fn side_of(edge: usize) -> usize {
+    pub(super) fn side_of(edge: usize) -> usize {
         (edge + 1).div_ceil(GROUP_EDGE)
     }
 
@@ -129,9 +129,41 @@ impl Relief {
             let group = [at % self.side, at / self.side % self.side, at / self.side.pow(2)];
             self.groups.push(looker.group(terrain, group.map(|g| g * GROUP_EDGE)));
         }
+        self.join(pieces);
+    }
+
+    /// Finds what holds for all groups.
+    fn join(&mut self, pieces: &PieceList) {
         self.whole = self.groups.iter().copied().reduce(Group::with).unwrap_or_default();
         let Group { low, high, .. } = self.whole;
         self.whole.span = if low <= high { pieces.over(low, high) } else { Span::default() };
+    }
+
+    /// Takes values to be off by so much more, each group's by its own.
+    pub(super) fn loosen(&mut self, pieces: &PieceList, off: &[f64]) {
+        for (group, off) in self.groups.iter_mut().zip(off) {
+            group.storage += off;
+            group.low -= group.storage;
+            group.high += group.storage;
+            group.span = pieces.over(group.low, group.high);
+        }
+        self.join(pieces);
+    }
+
+    /// What values that are not the source's make of light in any group, at most.
+    pub(super) fn most_stored(&self) -> Change {
+        let stored = self.groups.iter().map(|group| group.span.slope.times(group.storage));
+        stored.fold(Change::default(), Change::max)
+    }
+
+    /// What half as many cells along each axis would likely make of light in some group, at least.
+    pub(super) fn likely_thinned(&self) -> Change {
+        // A slope that rises evenly by its range over a group and the cells beside it lets chords of
+        // two cells be off by a quarter of its rise over a cell; of that a quarter again is taken.
+        const SHARE: f64 = 2.0 / (GROUP_EDGE + 2) as f64 / 16.0;
+        let bent = |group: &Group| SHARE * group.uneven.iter().sum::<f64>();
+        let thinned = self.groups.iter().map(|group| group.span.slope.times(bent(group)));
+        thinned.fold(Change::default(), Change::max)
     }
 
     /// What holds for all within `reach` cells of `point`, of which the groups themselves know

@@ -258,6 +258,14 @@ impl ScaledBrick {
         self.complete(raw);
     }
 
+    /// Becomes a brick of `edge` cells that have these values, ghosts included, at one level.
+    pub(super) fn take_values(&mut self, edge: usize, values: &[f64]) {
+        self.reset(edge, Interpolation::Linear);
+        self.reserve(1);
+        self.blocks[0].take(edge + 2, values);
+        self.narrow[0].fill(&self.blocks[0], false);
+    }
+
     /// Finds out what follows from the blocks' values.
     fn complete(&mut self, raw: &[Block]) {
         self.mark_holes(raw);

@@ -327,6 +327,7 @@ impl<'s> Studio<'s> {
             },
             scenery: Scenery { header, view, pixels, shading: self.shading, bounds: pieces },
             method,
+            exact: &self.exact.all,
             pool: self.pool,
             film: Mutex::new(Film::new(view.width(), view.height())?),
             errors: Mutex::new(vec![TileError::default(); tiles]),

@@ -9,12 +9,15 @@ use super::lanes::MOST_LANES;
 use super::march::{Beam, Light, Passage, march};
 use super::march_packets::{Packets, Passenger, Rays};
 use super::margin::{Part, parts};
-use super::ray_error::RayError;
+use super::ray_error::{Change, RayError};
 use super::ray_state::RayState;
 use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
 use super::scaled::ScaledBrick;
+use super::thin::{FEWEST_RAYS, Thinner};
+use super::transfer_pieces::PieceList;
 use super::tree_walk::Step;
 use super::waiting::Found;
+use crate::cache::BrickShape;
 
 /// How many rays are looked at one by one for the brightest that still needs light.
 const FEW_RAYS: usize = 64;
@@ -41,18 +44,32 @@ pub(super) struct Tile {
     packets: Packets,
     /// Rays for the next packets, by number.
     boarding: Vec<Passenger>,
+    thinner: Thinner,
+}
+
+/// How far light may be off by bricks that are drawn in fewer cells than they have.
+#[derive(Clone, Copy)]
+pub(super) struct Thinning<'t> {
+    /// The transfer function by which bricks are surveyed.
+    pub(super) pieces: &'t PieceList,
+    /// What a ray may be off by in a brick, in the picture's own unit.
+    pub(super) limit: f64,
+    /// Light that is expected from behind.
+    pub(super) behind: f64,
 }
 
 impl Tile {
-    /// Most bytes that a tile takes.
-    pub(super) const BYTES: u64 = (BATCH_RAYS
-        * (size_of::<Square>()
+    /// Most bytes that a tile takes, for bricks of `shape` with `blocks` blocks.
+    pub(super) fn bytes(shape: BrickShape, blocks: usize) -> u64 {
+        let of_ray = size_of::<Square>()
             + size_of::<[DVec2; 2]>()
             + size_of::<RayState>()
             + size_of::<RayError>()
-            + 4)
-        + MOST_BOARDING * size_of::<Passenger>()) as u64
-        + Packets::BYTES;
+            + 4;
+        (BATCH_RAYS * of_ray + MOST_BOARDING * size_of::<Passenger>()) as u64
+            + Packets::bytes(shape)
+            + Thinner::bytes(shape, blocks)
+    }
 
     /// A tile without rays.
     pub(super) fn new() -> Self {
@@ -67,6 +84,7 @@ impl Tile {
             starts: Vec::with_capacity(BATCH_RAYS + 1),
             packets: Packets::new(),
             boarding: Vec::with_capacity(MOST_BOARDING),
+            thinner: Thinner::default(),
         }
     }
 
@@ -145,30 +163,77 @@ impl Tile {
         largest
     }
 
-    /// Marches the rays of a step through its brick, keeping accounts if `accounts`. Returns the
-    /// number of samples.
+    /// Marches the rays of a step through its brick, in fewer cells if these are off by little,
+    /// keeping accounts if `accounts`. Returns the number of samples.
     pub(super) fn draw(
         &mut self,
         step: &Step,
         brick: &ScaledBrick,
         drawn: DrawnNeighbours,
         (light, grid): (&Light<'_>, &PixelGrid),
-        (accounts, care): (bool, Care),
+        (accounts, care, thinning): (bool, Care, Option<Thinning<'_>>),
     ) -> u64 {
         let passage = Passage { brick, region: step.region, drawn, hides: step.hides };
-        let parts = parts(&passage, &step.frame, &step.footprint);
-        let draw =
-            |part: &Part<'_>| self.draw_part(part, &step.pixels, (light, grid), (accounts, care));
-        parts.iter().map(draw).sum()
+        let settings = (light, grid, accounts, care);
+        let mut thinner = std::mem::take(&mut self.thinner);
+        let thin = thinning.and_then(|thinning| self.thin(&mut thinner, step, &passage, thinning));
+        let samples = if let Some(part) = thin {
+            self.draw_part(&part, &step.pixels, settings, true)
+        } else {
+            let parts = parts(&passage, &step.frame, &step.footprint);
+            let draw = |part: &Part<'_>| self.draw_part(part, &step.pixels, settings, false);
+            parts.iter().map(draw).sum()
+        };
+        self.thinner = thinner;
+        samples
     }
 
-    /// Marches the rays in `pixels` through a part of a brick.
+    /// What a passage draws in fewer cells, if that pays and is close enough.
+    fn thin<'t>(
+        &self,
+        thinner: &'t mut Thinner,
+        step: &Step,
+        passage: &Passage<'t>,
+        Thinning { pieces, limit, behind }: Thinning<'_>,
+    ) -> Option<Part<'t>> {
+        // Squares of rays may see what their centres do not.
+        if passage.hides || passage.brick.is_piecewise_constant() || self.has_area {
+            return None;
+        }
+        let (count, transmittance) = self.open_rays(&step.pixels);
+        if count < FEWEST_RAYS {
+            return None;
+        }
+        let crossing = step.frame.crossing(&step.footprint, passage.brick.edge as f64);
+        let fits = |change: Change| change.light(behind) * crossing * transmittance <= limit;
+        let (brick, halvings) = thinner.thin(passage.brick, pieces, fits)?;
+        let part = Part { passage: *passage, frame: step.frame, footprint: step.footprint };
+        Some((0..halvings).fold(part, |part, _| part.wider(brick)))
+    }
+
+    /// How many rays in `rect` need more, and the largest of their transmittances.
+    fn open_rays(&self, rect: &PixelRect) -> (usize, f64) {
+        let (mut count, mut largest) = (0, 0.0_f64);
+        for row in rect.rows() {
+            let range = self.row(rect, row);
+            let mut at = range.start;
+            while let Some(index) = self.next_alive(at..range.end) {
+                largest = largest.max(self.states[index].transmittance);
+                count += 1;
+                at = index + 1;
+            }
+        }
+        (count, largest)
+    }
+
+    /// Marches the rays in `pixels` through a part of a brick; one that `is_thin` is off as levels
+    /// are.
     fn draw_part(
         &mut self,
         Part { passage, frame, footprint }: &Part<'_>,
         pixels: &PixelRect,
-        (light, grid): (&Light<'_>, &PixelGrid),
-        (accounts, care): (bool, Care),
+        (light, grid, accounts, care): (&Light<'_>, &PixelGrid, bool, Care),
+        is_thin: bool,
     ) -> u64 {
         let diagonal = frame.cell_width.length();
         let has_squares = accounts && self.has_area;
@@ -194,16 +259,29 @@ impl Tile {
                 });
                 self.boarding.push(Passenger { index, ray, beam });
                 if !in_packets || self.boarding.len() == MOST_BOARDING {
-                    samples += self.depart(passage, light, in_packets);
+                    samples += self.depart(passage, light, in_packets, is_thin);
                 }
             }
         }
-        samples + self.depart(passage, light, in_packets)
+        samples + self.depart(passage, light, in_packets, is_thin)
     }
 
     /// Marches the rays that wait.
-    fn depart(&mut self, passage: &Passage<'_>, light: &Light<'_>, in_packets: bool) -> u64 {
+    fn depart(
+        &mut self,
+        passage: &Passage<'_>,
+        light: &Light<'_>,
+        in_packets: bool,
+        is_thin: bool,
+    ) -> u64 {
         let mut samples = 0;
+        // A thin brick's values are off as stored ones are, and its hidden levels none.
+        let exchange = |error: &mut RayError| {
+            if is_thin {
+                std::mem::swap(&mut error.levels, &mut error.storage);
+            }
+        };
+        self.boarding.iter().for_each(|ray| exchange(&mut self.errors[ray.index]));
         if in_packets {
             let mut film = Rays { states: &mut self.states, errors: &mut self.errors };
             samples += self.packets.march(passage, light, &self.boarding, &mut film);
@@ -214,6 +292,7 @@ impl Tile {
                 let account = beam.as_ref().map(|beam| (&mut self.errors[index], beam));
                 samples += march(passage, &ray, light, state, account);
             }
+            exchange(&mut self.errors[index]);
             if state.is_done(&light.ending) {
                 self.alive[index / 64] &= !(1 << (index % 64));
             }

@@ -1,7 +1,7 @@
 //! The walk of the tree: which pieces of which bricks are drawn in a window of the picture,
 //! front to back, from index records alone.
 
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 
 use super::census::{Fate, Tally};
 use super::cut::{Cut, ErrorCut};
@@ -327,15 +327,10 @@ impl Scenery<'_> {
         let span = self.bounds.over(tree[0], tree[1]);
         let by_slope = span.slope.times(residual.min(tree[1] - tree[0])).plus(span.jumps);
         let change = by_slope.min(span.variation.plus(span.jumps));
-        let plane = |lo: f64, hi: f64| if (lo + hi).is_finite() { 0.5 * (lo + hi) } else { 0.0 };
-        let (lo, hi) = (seen.footprint.plane_lo, seen.footprint.plane_hi);
-        let ray = seen.frame.ray(DVec2::new(plane(lo.x, hi.x), plane(lo.y, hi.y)));
-        let edge = self.header.shape.edge() as f64;
-        let crossing = edge / ray.direction.abs().max_element() * ray.length;
+        let crossing = seen.frame.crossing(&seen.footprint, self.header.shape.edge() as f64);
         let covered =
             if self.pixels.has_area() { self.pixels.covered(&seen.footprint) } else { 1.0 };
-        let light = change.emission + change.extinction * cut.behind;
-        crossing * covered * light.max(change.extinction)
+        crossing * covered * change.light(cut.behind)
     }
 }
 

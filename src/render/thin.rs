@@ -1,0 +1,226 @@
+//! Bricks in fewer cells than they have, where that is close enough.
+//!
+//! What lies beneath a brick is known of the brick as a whole (`render/tree_walk.rs`). Around a peak
+//! each level has its share of bricks that are finer than they need be, because a neighbour within
+//! the same parent is not. Such a brick is drawn in cells twice as wide, or four or eight times, by
+//! values that are found while it is in hand; and how far these are from its interpolant at most, in
+//! each group of cells, is found likewise, and counted with what levels are off by.
+//!
+//! A cell's value is the interpolant at its centre, less what makes it stick out from that on one
+//! side only: where x bends by x″ along an axis, the chord between two centres 2h apart is h²·x″/2 off
+//! the finer one, so all values are moved by half as much.
+
+use std::ops::RangeInclusive;
+
+use super::halves::Halves;
+use super::lanes::MOST_LANES;
+use super::ray_error::Change;
+use super::relief::{Distance, GROUP_EDGE, Relief};
+use super::scaled::ScaledBrick;
+use super::steepness::Surveyor;
+use super::transfer_pieces::PieceList;
+use crate::cache::BrickShape;
+use crate::scene::{Interpolation, Rounding};
+
+/// Bricks are halved so often at most, and not below so many cells along an edge.
+const MOST_HALVINGS: usize = 3;
+const FEWEST_CELLS: usize = 4;
+/// Rays from which on fewer cells are worth the search: marching them takes as long as that.
+pub(super) const FEWEST_RAYS: usize = 64 * MOST_LANES;
+
+/// One thread's thinner bricks. The memory is reused from brick to brick.
+#[derive(Debug, Default)]
+pub(super) struct Thinner {
+    bricks: [ScaledBrick; MOST_HALVINGS],
+    surveyor: Surveyor,
+    /// Values of cells, ghosts included, before and after they are moved.
+    values: [Vec<f64>; 2],
+    /// Which of them are those of the finer brick's own interpolant.
+    is_own: Vec<bool>,
+    comparison: Comparison,
+}
+
+/// Buffers for comparing a brick with a thinner one.
+#[derive(Debug, Default)]
+struct Comparison {
+    /// Both, at the same places.
+    halves: Halves,
+    row: Halves,
+    /// How far apart they are along a row; and at most, for groups along y and z.
+    apart: Vec<f64>,
+    farthest: Vec<f64>,
+    /// How far in each group.
+    off: Vec<f64>,
+}
+
+impl Thinner {
+    /// Heap bytes at most, for bricks of `shape` with `blocks` blocks.
+    pub(super) fn bytes(shape: BrickShape, blocks: usize) -> u64 {
+        let mut bytes = Halves::bytes(shape.edge(), blocks) + Halves::bytes(shape.edge(), 1);
+        let thinner = shape.coarser();
+        let (side, groups) = (thinner.edge() + 2, Relief::side_of(thinner.edge()));
+        let places = 2 * shape.edge() + 1;
+        let of_groups = groups * groups * (places + groups) + 2 * places;
+        bytes += 2 * (17 * side.pow(3) + size_of::<f64>() * of_groups) as u64;
+        bytes += Surveyor::bytes(thinner.edge());
+        let mut shape = thinner;
+        for _ in 0..MOST_HALVINGS {
+            bytes += ScaledBrick::bytes(shape, 1, Interpolation::Linear);
+            shape = shape.coarser();
+        }
+        bytes
+    }
+
+    /// `brick`, which was surveyed, in the fewest cells by which light is off by so little, in any
+    /// group, that `fits` says so; and how often it was halved. None where it was not.
+    pub(super) fn thin(
+        &mut self,
+        brick: &ScaledBrick,
+        pieces: &PieceList,
+        fits: impl Fn(Change) -> bool,
+    ) -> Option<(&ScaledBrick, usize)> {
+        let mut halvings = 0;
+        while halvings < MOST_HALVINGS {
+            let (finer, thinner) = self.bricks.split_at_mut(halvings);
+            let finer = finer.last().unwrap_or(brick);
+            if finer.edge / 2 < FEWEST_CELLS || finer.relief.is_empty() {
+                break;
+            }
+            let whole = &finer.relief.whole;
+            let is_smooth = !whole.has_void && whole.span.jumps == Change::default();
+            if !is_smooth || !fits(finer.relief.likely_thinned()) {
+                break;
+            }
+            let thinner = &mut thinner[0];
+            let comparison = &mut self.comparison;
+            find_values(finer, &mut comparison.halves, &mut self.values, &mut self.is_own);
+            thinner.take_values(finer.edge / 2, &self.values[1]);
+            comparison.compare(finer, thinner);
+            comparison.add_storage(&finer.relief, Relief::side_of(thinner.edge));
+            let exact = Distance {
+                residual: 0.0,
+                child_mask: 0,
+                tree: [whole.low, whole.high],
+                storage: Rounding::default(),
+            };
+            thinner.survey(pieces, &exact, &mut self.surveyor);
+            thinner.relief.loosen(pieces, &comparison.off);
+            if !fits(thinner.relief.most_stored()) {
+                break;
+            }
+            halvings += 1;
+        }
+        halvings.checked_sub(1).map(|last| (&self.bricks[last], halvings))
+    }
+}
+
+/// Finds the values of a brick of half as many cells along each axis, ghosts included.
+fn find_values(
+    finer: &ScaledBrick,
+    halves: &mut Halves,
+    [found, values]: &mut [Vec<f64>; 2],
+    is_own: &mut Vec<bool>,
+) {
+    let last = 2 * finer.edge;
+    // Middles of the wider cells, and the brick's faces.
+    halves.set(finer, 1.0, (0..=finer.edge / 2 + 1).map(|n| (4 * n).saturating_sub(2).min(last)));
+    let side = halves.places().len();
+    found.clear();
+    is_own.clear();
+    for (y, z) in (0..side * side).map(|n| (n % side, n / side)) {
+        halves.look(finer, [y, z]);
+        for (value, own) in (0..side).map(|x| halves.value(x)) {
+            found.push(value);
+            is_own.push(own);
+        }
+    }
+    values.clear();
+    values.extend_from_slice(found);
+    for stride in [1, side, side * side] {
+        straighten(found, values, is_own, (side, stride));
+    }
+    // Ghosts, so that the interpolant is on the faces what was found there.
+    for stride in [1, side, side * side] {
+        for lower in (0..values.len()).filter(|at| at / stride % side == 0) {
+            let upper = lower + (side - 1) * stride;
+            values[lower] = 2.0 * values[lower] - values[lower + stride];
+            values[upper] = 2.0 * values[upper] - values[upper - stride];
+        }
+    }
+}
+
+/// Moves middles by half of what chords between them are off, along the axis with `stride`.
+fn straighten(found: &[f64], values: &mut [f64], is_own: &[bool], (side, stride): (usize, usize)) {
+    for at in (0..values.len()).filter(|&at| is_own[at]) {
+        let n = at / stride % side;
+        if n == 0 || n == side - 1 {
+            continue;
+        }
+        // Bends of the nearest middle that has others on both sides.
+        let middle = at - n * stride + n.clamp(2, side - 3) * stride;
+        let bend = found[middle - stride] - 2.0 * found[middle] + found[middle + stride];
+        values[at] -= bend / 16.0;
+    }
+}
+
+/// The groups of a thinner brick of so many groups along an edge that a place lies in or between.
+fn groups_at(place: usize, groups: usize) -> RangeInclusive<usize> {
+    // A group's dual cells are as wide as 4 places, and begin half of one before its first cell.
+    const WIDTH: usize = 4 * GROUP_EDGE;
+    (place + 1) / WIDTH..=((place + 2) / WIDTH).min(groups - 1)
+}
+
+impl Comparison {
+    /// Finds how far a brick is at most from the thinner one in each of that one's groups.
+    fn compare(&mut self, finer: &ScaledBrick, thinner: &ScaledBrick) {
+        let Self { halves, row, apart, farthest, off } = self;
+        // Where any of the interpolants bends: those two levels above and more do where neither that
+        // one's parent's nor the thinner one's does.
+        let (all, last) = (finer.used > 2, 2 * finer.edge);
+        let bends = (0..=last).filter(|&n| all || n % 4 != 0 || n == 0 || n == last);
+        halves.set(finer, 1.0, bends);
+        row.set(thinner, 0.5, halves.places().iter().copied());
+        let (count, groups) = (halves.places().len(), Relief::side_of(thinner.edge));
+        farthest.clear();
+        farthest.resize(groups * groups * count, 0.0);
+        for (y, z) in (0..count * count).map(|n| (n % count, n / count)) {
+            halves.look(finer, [y, z]);
+            row.look(thinner, [y, z]);
+            halves.distances(row.own(), apart);
+            let [y, z] = [y, z].map(|n| groups_at(halves.places()[n], groups));
+            for at in z.flat_map(|z| y.clone().map(move |y| z * groups + y)) {
+                for (most, apart) in farthest[at * count..][..count].iter_mut().zip(&*apart) {
+                    *most = if *apart > *most { *apart } else { *most };
+                }
+            }
+        }
+        off.clear();
+        off.resize(groups.pow(3), 0.0);
+        for (groups_of_row, row) in off.chunks_mut(groups).zip(farthest.chunks(count)) {
+            for (place, apart) in halves.places().iter().zip(row) {
+                for group in groups_at(*place, groups) {
+                    groups_of_row[group] = apart.max(groups_of_row[group]);
+                }
+            }
+        }
+    }
+
+    /// Adds what the finer brick's own groups are off by.
+    fn add_storage(&mut self, finer: &Relief, groups: usize) {
+        // A group of wider cells reaches from one of the finer ones into the next but one.
+        let within = |n: usize| (2 * n).saturating_sub(1)..=(2 * n + 1).min(finer.side() - 1);
+        for (n, off) in self.off.iter_mut().enumerate() {
+            let [x, y, z] = [n % groups, n / groups % groups, n / (groups * groups)];
+            let mut most = 0.0_f64;
+            for (y, z) in within(z).flat_map(|z| within(y).map(move |y| (y, z))) {
+                let row = within(x).map(|x| (z * finer.side() + y) * finer.side() + x);
+                most = row.fold(most, |most, at| most.max(finer.group(at).storage));
+            }
+            *off += most;
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "thin_tests.rs"]
+mod tests;

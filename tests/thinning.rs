@@ -1,0 +1,77 @@
+//! Bricks drawn in fewer cells than they have: less work as the tolerance grows, within the bound.
+
+// What tests share fails as a test does.
+#![allow(clippy::unwrap_used)]
+
+use std::path::{Path, PathBuf};
+
+use deepfield::cache::{Cache, Cursor};
+use deepfield::ingest::{Options, Progress, ingest};
+use deepfield::render::{RenderOptions, Rendered, render};
+use deepfield::scene::Scene;
+use deepfield::{source, synth};
+
+fn recipe(name: &str) -> String {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets_synthetic");
+    std::fs::read_to_string(folder.join(name)).unwrap()
+}
+
+/// `nested13.toml` up to level 8, as a cache.
+fn cache(folder: &Path) -> PathBuf {
+    let text = recipe("nested13.toml").replace("max_level = 13", "max_level = 8");
+    assert!(text.contains("max_level = 8"));
+    let recipe = synth::Recipe::parse(&text, "nested13.toml").unwrap();
+    let output = synth::write(&recipe, &folder.join("output"), &mut |_, _| {}).unwrap().input;
+    let cache = folder.join("nested.dfc");
+    let source = source::open(&output, None).unwrap();
+    let mut quiet = |_, _, _| {};
+    let mut progress = Progress::new(&mut quiet);
+    ingest(source.as_ref(), &cache, &Options::default(), &mut progress).unwrap();
+    cache
+}
+
+/// A tile's worth of rays along the zoom.
+fn picture(cache: &Path, tolerance: &str, (memory, threads): (u64, usize)) -> Rendered {
+    let text = recipe("nested13-zoom.toml")
+        .replace("width = 256", "width = 64")
+        .replace("height = 256", "height = 64")
+        .replace("tolerance = \"1%\"", &format!("tolerance = {tolerance}"));
+    assert!(text.contains("width = 64\nheight = 64\n") && text.contains(tolerance));
+    let scene = Scene::parse(&text, "nested13-zoom.toml").unwrap();
+    let options = RenderOptions {
+        memory: memory << 20,
+        threads,
+        progress: None,
+        fixed: None,
+        resident: false,
+    };
+    render(&Cache::open(cache, Cursor::WINDOWS).unwrap(), &scene, &options).unwrap()
+}
+
+#[test]
+fn work_falls_with_the_tolerance_and_pixels_stay_within_their_bounds() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = cache(folder.path());
+    let truth = picture(&cache, "0.0", (1024, 2));
+    let truth_bound = truth.stats.error_bound.unwrap();
+    let tolerances = ["\"0.01%\"", "\"1%\"", "\"10%\""];
+    let samples = tolerances.map(|tolerance| {
+        let found = picture(&cache, tolerance, (1024, 2));
+        let (bound, levels) =
+            (found.stats.error_bound.unwrap(), found.stats.error_shares.unwrap().levels);
+        assert!(bound <= found.stats.tolerance, "{tolerance}: {bound}");
+        let pixels = found.film.pixels().iter().zip(truth.film.pixels());
+        let farthest = pixels
+            .flat_map(|(a, b)| a.iter().zip(b).map(|(a, b)| f64::from(a - b).abs()))
+            .fold(0.0, f64::max);
+        eprintln!("{tolerance}: off by {farthest:.2e} of {bound:.2e}, levels {levels:.2e}");
+        assert!(farthest <= bound + truth_bound, "{tolerance}: {farthest} of {bound}");
+        // All bricks are drawn that there are: what is off is that they have fewer cells.
+        assert!(levels > 0.0 || tolerance == tolerances[0], "{tolerance}");
+        let little = picture(&cache, tolerance, (64, 1));
+        assert!(little.film == found.film, "{tolerance}: it depends on threads or memory");
+        found.stats.samples
+    });
+    assert!(samples[1] < samples[0] * 7 / 10, "{samples:?}");
+    assert!(samples[2] < samples[1] * 9 / 10, "{samples:?}");
+}
