@@ -30,6 +30,8 @@ pub(super) struct Group {
     pub(super) uneven: [f64; 3],
     /// Change by what is beneath the brick.
     pub(super) levels: Change,
+    /// Of a thinner brick, bound of the difference of x to that of the brick that it is made of.
+    pub(super) thinned: f64,
     /// Bound of the difference of x to that of the source's values, and of its rounding.
     pub(super) storage: f64,
     /// What the transfer function does over the range.
@@ -139,21 +141,41 @@ impl Relief {
         self.whole.span = if low <= high { pieces.over(low, high) } else { Span::default() };
     }
 
-    /// Takes values to be off by so much more, each group's by its own.
-    pub(super) fn loosen(&mut self, pieces: &PieceList, off: &[f64]) {
-        for (group, off) in self.groups.iter_mut().zip(off) {
-            group.storage += off;
-            group.low -= group.storage;
-            group.high += group.storage;
+    /// Takes values to be those of a thinner brick, off by so much in each group from the one that
+    /// `finer` is of.
+    pub(super) fn loosen(&mut self, finer: &Self, pieces: &PieceList, off: &[f64]) {
+        for (n, (group, off)) in self.groups.iter_mut().zip(off).enumerate() {
+            let most = |number: fn(&Group) -> f64| finer.most_beneath((n, self.side), number);
+            group.thinned = off + most(|group| group.thinned);
+            group.storage = most(|group| group.storage);
+            group.low -= group.thinned;
+            group.high += group.thinned;
             group.span = pieces.over(group.low, group.high);
+            group.levels = group.span.slope.times(group.thinned);
         }
         self.join(pieces);
+        let most = self.whole.thinned;
+        self.levels_reach = if most < FAR { most } else { 0.0 };
     }
 
-    /// What values that are not the source's make of light in any group, at most.
-    pub(super) fn most_stored(&self) -> Change {
-        let stored = self.groups.iter().map(|group| group.span.slope.times(group.storage));
-        stored.fold(Change::default(), Change::max)
+    /// The largest that a number is in groups that hold part of group `n` of a thinner brick, of
+    /// `side` groups along an edge.
+    fn most_beneath(&self, (n, side): (usize, usize), number: fn(&Group) -> f64) -> f64 {
+        // Wider dual cells begin half of one, a finer one, before the cells.
+        let within = |n: usize| (2 * n).saturating_sub(1)..=(2 * n + 1).min(self.side - 1);
+        let mut most = 0.0_f64;
+        for (y, z) in
+            within(n / (side * side)).flat_map(|z| within(n / side % side).map(move |y| (y, z)))
+        {
+            let row = within(n % side).map(|x| (z * self.side + y) * self.side + x);
+            most = row.fold(most, |most, at| most.max(number(self.group(at))));
+        }
+        most
+    }
+
+    /// What light is off by because of levels in any group, at most.
+    pub(super) fn most_levels(&self) -> Change {
+        self.groups.iter().map(|group| group.levels).fold(Change::default(), Change::max)
     }
 
     /// What half as many cells along each axis would likely make of light in some group, at least.
@@ -198,6 +220,7 @@ impl Group {
             // Slopes of both signs: the range of all of them.
             uneven: slope,
             levels: self.levels.max(other.levels),
+            thinned: self.thinned.max(other.thinned),
             storage: self.storage.max(other.storage),
             span: self.span.max(other.span),
             has_void: self.has_void || other.has_void,

@@ -96,7 +96,6 @@ impl Thinner {
             find_values(finer, &mut comparison.halves, &mut self.values, &mut self.is_own);
             thinner.take_values(finer.edge / 2, &self.values[1]);
             comparison.compare(finer, thinner);
-            comparison.add_storage(&finer.relief, Relief::side_of(thinner.edge));
             let exact = Distance {
                 residual: 0.0,
                 child_mask: 0,
@@ -104,8 +103,8 @@ impl Thinner {
                 storage: Rounding::default(),
             };
             thinner.survey(pieces, &exact, &mut self.surveyor);
-            thinner.relief.loosen(pieces, &comparison.off);
-            if !fits(thinner.relief.most_stored()) {
+            thinner.relief.loosen(&finer.relief, pieces, &comparison.off);
+            if !fits(thinner.relief.most_levels()) {
                 break;
             }
             halvings += 1;
@@ -202,21 +201,6 @@ impl Comparison {
                     groups_of_row[group] = apart.max(groups_of_row[group]);
                 }
             }
-        }
-    }
-
-    /// Adds what the finer brick's own groups are off by.
-    fn add_storage(&mut self, finer: &Relief, groups: usize) {
-        // A group of wider cells reaches from one of the finer ones into the next but one.
-        let within = |n: usize| (2 * n).saturating_sub(1)..=(2 * n + 1).min(finer.side() - 1);
-        for (n, off) in self.off.iter_mut().enumerate() {
-            let [x, y, z] = [n % groups, n / groups % groups, n / (groups * groups)];
-            let mut most = 0.0_f64;
-            for (y, z) in within(z).flat_map(|z| within(y).map(move |y| (y, z))) {
-                let row = within(x).map(|x| (z * finer.side() + y) * finer.side() + x);
-                most = row.fold(most, |most, at| most.max(finer.group(at).storage));
-            }
-            *off += most;
         }
     }
 }

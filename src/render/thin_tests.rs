@@ -47,7 +47,7 @@ fn off(brick: &ScaledBrick, thin: &ScaledBrick, place: [f64; 3]) -> (f64, f64) {
         brick.value_at(DVec3::from(place), DrawnNeighbours::ALL)
     };
     let apart = value(brick, place) - value(thin, place.map(|x| x * scale));
-    (thin.relief.group_at(dual).storage, apart.abs())
+    (thin.relief.group_at(dual).thinned, apart.abs())
 }
 
 proptest! {
@@ -83,7 +83,7 @@ proptest! {
             let place = place.map(|x| x * wide);
             let (most, apart) = off(&brick, thin, place);
             prop_assert!(apart <= most + 1e-12, "{apart} for {most} at {place:?}");
-            prop_assert!(thin.relief.whole.storage >= most);
+            prop_assert!(thin.relief.whole.thinned >= most);
         }
     }
 }
@@ -101,7 +101,7 @@ fn what_a_thinner_brick_says_is_met_where_there_is_no_border() {
             let place = place.map(|n: i32| f64::from(n) / 2.0);
             farthest = farthest.max(off(&brick, thin, place).1);
         }
-        let said = thin.relief.whole.storage;
+        let said = thin.relief.whole.thinned;
         assert!(farthest > 0.0 && said <= 1.001 * farthest + 1e-12, "{said} for {farthest}");
     }
 }
@@ -115,7 +115,7 @@ fn values_that_bend_evenly_lie_between_chords() {
     let brick = surveyed(&data, (0, [1, 0, 1]), &transfer);
     let mut thinner = Thinner::default();
     let (thin, _) = thinner.thin(&brick, &transfer.all, |_| true).unwrap();
-    let off = thin.relief.whole.storage;
+    let off = thin.relief.whole.thinned;
     assert!((off / 0.002 - 1.0).abs() < 1e-4, "{off}");
 }
 

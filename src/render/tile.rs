@@ -178,10 +178,10 @@ impl Tile {
         let mut thinner = std::mem::take(&mut self.thinner);
         let thin = thinning.and_then(|thinning| self.thin(&mut thinner, step, &passage, thinning));
         let samples = if let Some(part) = thin {
-            self.draw_part(&part, &step.pixels, settings, true)
+            self.draw_part(&part, &step.pixels, settings)
         } else {
             let parts = parts(&passage, &step.frame, &step.footprint);
-            let draw = |part: &Part<'_>| self.draw_part(part, &step.pixels, settings, false);
+            let draw = |part: &Part<'_>| self.draw_part(part, &step.pixels, settings);
             parts.iter().map(draw).sum()
         };
         self.thinner = thinner;
@@ -196,7 +196,7 @@ impl Tile {
         passage: &Passage<'t>,
         Thinning { pieces, limit, behind }: Thinning<'_>,
     ) -> Option<Part<'t>> {
-        // Squares of rays may see what their centres do not.
+        // Where rays stand for squares, these take what there is of a tolerance.
         if passage.hides || passage.brick.is_piecewise_constant() || self.has_area {
             return None;
         }
@@ -208,7 +208,10 @@ impl Tile {
         let fits = |change: Change| change.light(behind) * crossing * transmittance <= limit;
         let (brick, halvings) = thinner.thin(passage.brick, pieces, fits)?;
         let part = Part { passage: *passage, frame: step.frame, footprint: step.footprint };
-        Some((0..halvings).fold(part, |part, _| part.wider(brick)))
+        let mut part = (0..halvings).fold(part, |part, _| part.wider(brick));
+        // The finer cells.
+        part.passage.hides = true;
+        Some(part)
     }
 
     /// How many rays in `rect` need more, and the largest of their transmittances.
@@ -226,14 +229,12 @@ impl Tile {
         (count, largest)
     }
 
-    /// Marches the rays in `pixels` through a part of a brick; one that `is_thin` is off as levels
-    /// are.
+    /// Marches the rays in `pixels` through a part of a brick.
     fn draw_part(
         &mut self,
         Part { passage, frame, footprint }: &Part<'_>,
         pixels: &PixelRect,
         (light, grid, accounts, care): (&Light<'_>, &PixelGrid, bool, Care),
-        is_thin: bool,
     ) -> u64 {
         let diagonal = frame.cell_width.length();
         let has_squares = accounts && self.has_area;
@@ -259,29 +260,16 @@ impl Tile {
                 });
                 self.boarding.push(Passenger { index, ray, beam });
                 if !in_packets || self.boarding.len() == MOST_BOARDING {
-                    samples += self.depart(passage, light, in_packets, is_thin);
+                    samples += self.depart(passage, light, in_packets);
                 }
             }
         }
-        samples + self.depart(passage, light, in_packets, is_thin)
+        samples + self.depart(passage, light, in_packets)
     }
 
     /// Marches the rays that wait.
-    fn depart(
-        &mut self,
-        passage: &Passage<'_>,
-        light: &Light<'_>,
-        in_packets: bool,
-        is_thin: bool,
-    ) -> u64 {
+    fn depart(&mut self, passage: &Passage<'_>, light: &Light<'_>, in_packets: bool) -> u64 {
         let mut samples = 0;
-        // A thin brick's values are off as stored ones are, and its hidden levels none.
-        let exchange = |error: &mut RayError| {
-            if is_thin {
-                std::mem::swap(&mut error.levels, &mut error.storage);
-            }
-        };
-        self.boarding.iter().for_each(|ray| exchange(&mut self.errors[ray.index]));
         if in_packets {
             let mut film = Rays { states: &mut self.states, errors: &mut self.errors };
             samples += self.packets.march(passage, light, &self.boarding, &mut film);
@@ -292,7 +280,6 @@ impl Tile {
                 let account = beam.as_ref().map(|beam| (&mut self.errors[index], beam));
                 samples += march(passage, &ray, light, state, account);
             }
-            exchange(&mut self.errors[index]);
             if state.is_done(&light.ending) {
                 self.alive[index / 64] &= !(1 << (index % 64));
             }
