@@ -41,6 +41,19 @@ impl Halves {
         (2 * (stops + rows) + 2 * places * size_of::<usize>() + 2 * edge) as u64
     }
 
+    /// Heap bytes in use.
+    #[cfg(test)]
+    pub(super) fn held(&self) -> usize {
+        let stops = self.stops.iter().flatten().map(Vec::capacity).sum::<usize>();
+        let above = self.above.iter().map(Vec::capacity).sum::<usize>();
+        stops * size_of::<Stop>()
+            + self.stops.capacity() * size_of::<[Vec<Stop>; 3]>()
+            + self.above.capacity() * size_of::<Vec<f64>>()
+            + (above + self.between.capacity() + self.own.capacity()) * size_of::<f64>()
+            + self.places.capacity() * size_of::<usize>()
+            + self.marks.capacity()
+    }
+
     /// Looks at `places` of `brick`, in order; `shrink` is the width of the cells that they count in
     /// halves of, in the brick's own.
     pub(super) fn set(

@@ -87,8 +87,7 @@ impl Thinner {
                 break;
             }
             let whole = &finer.relief.whole;
-            let is_smooth = !whole.has_void && whole.span.jumps == Change::default();
-            if !is_smooth || !fits(finer.relief.likely_thinned()) {
+            if whole.has_void || has_steps(&finer.relief) || !fits(finer.relief.likely_thinned()) {
                 break;
             }
             let thinner = &mut thinner[0];
@@ -104,13 +103,19 @@ impl Thinner {
             };
             thinner.survey(pieces, &exact, &mut self.surveyor);
             thinner.relief.loosen(&finer.relief, pieces, &comparison.off);
-            if !fits(thinner.relief.most_levels()) {
+            // Values may have been moved to a step.
+            if has_steps(&thinner.relief) || !fits(thinner.relief.most_levels()) {
                 break;
             }
             halvings += 1;
         }
         halvings.checked_sub(1).map(|last| (&self.bricks[last], halvings))
     }
+}
+
+/// Whether the transfer function steps where values may be.
+fn has_steps(relief: &Relief) -> bool {
+    relief.whole.span.jumps != Change::default()
 }
 
 /// Finds the values of a brick of half as many cells along each axis, ghosts included.

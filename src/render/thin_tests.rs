@@ -136,3 +136,41 @@ fn where_light_steps_or_likely_is_off_by_too_much_nothing_is_tried() {
     assert!(thinner.thin(&brick, &transfer.all, never).is_none());
     assert_eq!(asked.get(), 1);
 }
+
+#[test]
+fn buffers_stay_within_their_bytes() {
+    let (data, transfer) = (TestData::new(rough), pieces(&smooth()));
+    let mut thinner = Thinner::default();
+    let mut blocks = 0;
+    for at in BRICKS.into_iter().chain(UNTIDY_BRICKS) {
+        let brick = surveyed(&data, at, &transfer);
+        blocks = blocks.max(brick.used);
+        thinner.thin(&brick, &transfer.all, |_| true);
+    }
+    let Thinner { values, is_own, comparison, .. } = &thinner;
+    let Comparison { halves, row, apart, farthest, off } = comparison;
+    let edge = EDGE as usize;
+    assert!(blocks > 1 && halves.held() as u64 <= Halves::bytes(edge, blocks));
+    assert!(row.held() as u64 <= Halves::bytes(edge, 1));
+    let numbers = values.iter().chain([apart, farthest, off]).map(Vec::capacity).sum::<usize>();
+    let held = numbers * size_of::<f64>() + is_own.capacity() + halves.held() + row.held();
+    let shape = BrickShape::new(EDGE).unwrap();
+    assert!(
+        held as u64
+            <= Thinner::bytes(shape, blocks)
+                - ScaledBrick::bytes(shape.coarser(), 1, Interpolation::Linear)
+    );
+}
+
+#[test]
+fn values_are_not_moved_to_a_step() {
+    // Along x they bend up to just below it, and straightened ones would lie above.
+    let data = TestData::one_level(|_, cell| 0.5499 - 0.003 * (cell[0] as f64 - 12.5).powi(2));
+    let function = steps();
+    let transfer = pieces(&function);
+    let brick = surveyed(&data, (0, [1, 0, 1]), &transfer);
+    let step = transfer.all.over(0.5499, 0.5506).jumps;
+    assert!(step != Change::default(), "there is no step there");
+    assert!(brick.relief.whole.span.jumps == Change::default());
+    assert!(Thinner::default().thin(&brick, &transfer.all, |_| true).is_none());
+}
