@@ -25,7 +25,7 @@ use crate::scene::{Interpolation, Rounding};
 /// Bricks are halved so often at most, and not below so many cells along an edge.
 const MOST_HALVINGS: usize = 3;
 const FEWEST_CELLS: usize = 4;
-/// Rays from which on fewer cells are worth the search: marching them takes as long as that.
+/// Rays from which on fewer cells are worth the search: marching them takes longer than that.
 pub(super) const FEWEST_RAYS: usize = 64 * MOST_LANES;
 
 /// One thread's thinner bricks. The memory is reused from brick to brick.
