@@ -47,7 +47,7 @@ class Numbers:
 def read_header(data):
     """The header as a dictionary, and its length."""
     magic, version, length, checksum = struct.unpack_from("<8sIIQ", data)
-    need(magic == b"\x89DFC\r\n\x1a\n" and version == 1, "no cache of version 1")
+    need(magic == b"\x89DFC\r\n\x1a\n" and version == 2, "no cache of version 2")
     need(digest(data[24:length]) == checksum, "the header is damaged")
     body = Numbers(data[24:length])
     names = "file_bytes index_offset index_pages page_table_checksum".split()
@@ -66,7 +66,7 @@ def read_field(body):
     field = {"name": body.text(), "units": body.text() or None, "to_cgs": body.optional()}
     field |= {"exponent": body.take("i"), "min": body.take("d"), "max": body.take("d")}
     field |= {"smallest_positive": body.optional()}
-    names = "sum sum_as_stored nan_cells dropped_cells dropped_volume dropped_sum relative_error"
+    names = "sum sum_as_stored nan_cells dropped_cells dropped_volume dropped_sum relative_error leaf_error"
     return field | dict(zip(names.split(), body.take("ddQQddd")))
 
 

@@ -52,6 +52,30 @@ impl Block {
     }
 }
 
+/// Calls `visit` with each cell of a cube of `side`³ cells that lies outside the domain and the
+/// nearest one along all axes that does not, by their indices. Without any inside there is no call.
+pub fn visit_outside(side: usize, states: &[u8], mut visit: impl FnMut(usize, usize)) {
+    if !states.contains(&state::OUTSIDE) {
+        return;
+    }
+    let (mut first, mut last) = ([side; 3], [0; 3]);
+    let place = |at: usize| [at % side, at / side % side, at / side / side];
+    for at in (0..states.len()).filter(|at| states[*at] != state::OUTSIDE) {
+        for (a, c) in place(at).into_iter().enumerate() {
+            first[a] = c.min(first[a]);
+            last[a] = c.max(last[a]);
+        }
+    }
+    if first[0] > last[0] {
+        return;
+    }
+    for at in (0..states.len()).filter(|at| states[*at] == state::OUTSIDE) {
+        let c = place(at);
+        let [x, y, z] = [0, 1, 2].map(|a| c[a].clamp(first[a], last[a]));
+        visit(at, (z * side + y) * side + x);
+    }
+}
+
 /// A decoded payload. `blocks[0]` holds the brick's cells with one ghost cell on every side:
 /// `(B + 2)³`, its first cell at `lo − 1` where `lo` is the brick's lowest cell. `blocks[q]`,
 /// `q ≥ 1`, holds the cells `q` levels up over the same space with one more on every side:
@@ -75,6 +99,14 @@ impl RawBrick {
             let bits = *block.states.get(at)?;
             (bits & state::EXISTS != 0).then(|| (up, block.values[at], bits))
         })
+    }
+
+    /// Whether all of the brick's own cells and their ghosts hold values of leaf cells, none dropped,
+    /// but for those outside the domain.
+    pub fn is_of_leaves(&self) -> bool {
+        let is_leaf =
+            |all: bool, &bits: &u8| all & (bits == state::EXISTS || bits == state::OUTSIDE);
+        self.blocks.first().is_some_and(|own| own.states.iter().fold(true, is_leaf))
     }
 
     /// Sets the brick up for `blocks` blocks of shape `shape`, reusing memory.

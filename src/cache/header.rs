@@ -9,7 +9,7 @@ use crate::space::{Domain, MAX_OCTREE_LEVEL};
 /// First bytes of every cache: the high bit and the line ends show transfers in text mode.
 pub(super) const MAGIC: [u8; 8] = *b"\x89DFC\r\n\x1a\n";
 /// Version of the layout.
-pub(super) const VERSION: u32 = 1;
+pub(super) const VERSION: u32 = 2;
 /// Bytes before the header's variable part: magic, version, length of the whole header, checksum.
 pub(super) const PREFIX_BYTES: usize = 24;
 /// Longest header.
@@ -70,8 +70,10 @@ pub struct CachedField {
     pub dropped_volume: f64,
     /// Σ value · volume of the dropped leaf cells.
     pub dropped_sum: f64,
-    /// Largest relative error of a stored value against the source's as f32; 0: lossless.
+    /// Largest relative error of a stored value, against the source's or their exact average.
     pub relative_error: f64,
+    /// The same of leaf cells alone; 0: they are lossless.
+    pub leaf_error: f64,
 }
 
 impl CachedField {
@@ -342,6 +344,7 @@ impl CachedField {
         bytes.f64(self.dropped_volume);
         bytes.f64(self.dropped_sum);
         bytes.f64(self.relative_error);
+        bytes.f64(self.leaf_error);
     }
 
     fn read(bytes: &mut ByteReader<'_>) -> Option<Self> {
@@ -360,6 +363,7 @@ impl CachedField {
             dropped_volume: bytes.f64()?,
             dropped_sum: bytes.f64()?,
             relative_error: bytes.f64()?,
+            leaf_error: bytes.f64()?,
         })
     }
 }

@@ -18,7 +18,7 @@ mod verify;
 mod window;
 mod writer;
 
-pub use brick::{Block, BrickPlace, BrickShape, RawBrick, state};
+pub use brick::{Block, BrickPlace, BrickShape, RawBrick, state, visit_outside};
 pub use codec::{Decoder, Encoder};
 pub use header::{CachedField, Header, TreeLevel};
 pub use index::{Cursor, WINDOW_BYTES};

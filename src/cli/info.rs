@@ -125,6 +125,7 @@ fn field_facts(field: &CachedField) -> Value {
         "sum_as_stored": field.stored_sum,
         "exponent": field.exponent,
         "relative_error": field.relative_error,
+        "leaf_error": field.leaf_error,
         "nan_cells": field.nan_cells,
         "dropped_cells": field.dropped_cells,
         "dropped_volume": field.dropped_volume,

@@ -161,9 +161,9 @@ impl Completion<'_> {
             return [0.0; 2];
         }
         let factor = f64::from(field.exponent).exp2();
-        let linear = residual.bound(raw, Scale::Linear { factor });
+        let linear = residual.bound(Scale::Linear { factor });
         let Some(floor) = field.smallest_positive else { return [linear, f64::INFINITY] };
-        let log10 = residual.bound(raw, Scale::Log10 { factor, floor });
+        let log10 = residual.bound(Scale::Log10 { factor, floor });
         [linear, log10]
     }
 

@@ -191,7 +191,7 @@ fn survey_in(
     let batch = plan.assembly_batch(shape, fields.len());
     let domain = &hierarchy.domain;
     let built = build::build(&layout, &assembler, domain, directory, batch, progress)?;
-    let header = header(source, options, &fields, shape, &layout, &built);
+    let header = header(source, &fields, shape, &layout, &built);
     Ok(Survey { built, header, plan })
 }
 
@@ -260,7 +260,6 @@ fn region(corners: &[[Decimal; 3]; 2], domain: &Domain) -> Result<IndexBox> {
 
 fn header(
     source: &dyn Source,
-    options: &Options,
     fields: &[usize],
     shape: BrickShape,
     layout: &Layout,
@@ -300,7 +299,8 @@ fn header(
         dropped_cells: tally.dropped_cells,
         dropped_volume: tally.dropped_volume.value(),
         dropped_sum: tally.dropped_sum.value(),
-        relative_error: options.relative_error,
+        relative_error: tally.relative_error,
+        leaf_error: tally.leaf_error,
     });
     Header {
         file_bytes: 0,

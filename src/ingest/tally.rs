@@ -38,6 +38,17 @@ pub(super) fn magnitudes(values: &[f64]) -> (f64, f64) {
     (largest.into_iter().fold(0.0, f64::max), smallest.into_iter().fold(f64::INFINITY, f64::min))
 }
 
+/// The largest relative error of stored values, [source's, stored] each. What f32 cannot hold but
+/// as a number below its normal range does not count: next to what it can it is nothing.
+pub(super) fn largest_error(pairs: impl Iterator<Item = [f64; 2]>) -> f64 {
+    // Compared with what was found before, which is faster than to divide.
+    pairs.fold(0.0, |largest, [value, stored]| {
+        let (off, size) = ((stored - value).abs(), value.abs());
+        let counts = stored.abs() >= f64::from(f32::MIN_POSITIVE);
+        if counts && off > largest * size { off / size } else { largest }
+    })
+}
+
 /// What [`Tally`] knows of extrema.
 #[derive(Debug, Clone, Copy)]
 struct Extrema {
@@ -83,6 +94,9 @@ pub(super) struct Tally {
     pub(super) dropped_cells: u64,
     pub(super) dropped_volume: Sum,
     pub(super) dropped_sum: Sum,
+    /// Largest relative error of values as they are stored, averages included, and of leaf cells.
+    pub(super) relative_error: f64,
+    pub(super) leaf_error: f64,
 }
 
 impl Default for Tally {
@@ -98,6 +112,8 @@ impl Default for Tally {
             dropped_cells: 0,
             dropped_volume: Sum::default(),
             dropped_sum: Sum::default(),
+            relative_error: 0.0,
+            leaf_error: 0.0,
         }
     }
 }
@@ -132,6 +148,8 @@ impl Tally {
         self.dropped_cells += brick.dropped_cells;
         self.dropped_volume.add(brick.dropped_cells as f64 * volume);
         self.dropped_sum.add(brick.dropped_sum.value() * volume);
+        self.relative_error = self.relative_error.max(brick.relative_error);
+        self.leaf_error = self.leaf_error.max(brick.leaf_error);
     }
 
     /// The power of two by which stored values are multiplied: 0 wherever f32 holds the field's
@@ -191,6 +209,15 @@ mod tests {
         assert_eq!(sum.value(), 1.001);
         let values = [1e100, 1.0, 3.0, 1e90, -1e100, 1e-3, -2.0, -1e90, 7.0];
         assert_eq!(super::sum(&values).value(), 9.001);
+    }
+
+    #[test]
+    fn the_largest_relative_error_is_found() {
+        let pair = |value: f64| [value, f64::from(value as f32)];
+        assert_eq!(largest_error([0.0, 1.5, -3.0, 1e-300, f64::NAN].map(pair).into_iter()), 0.0);
+        let largest = largest_error((1..10_000).map(|n| pair(f64::from(n).sqrt())));
+        assert!(largest > 5.5e-8 && largest < (-24_f64).exp2(), "{largest:e}");
+        assert_eq!(largest_error([[2.0, 2.0], [-4.0, -3.0], [8.0, 7.0]].into_iter()), 0.25);
     }
 
     #[test]

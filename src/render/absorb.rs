@@ -5,6 +5,7 @@ use super::piece::Piece;
 use super::polynomial::Polynomial;
 use super::ray_error::{Change, Sums};
 use super::ray_state::{Ending, RayState, SERIES_DEPTH, mean_series};
+use super::storage::Reach;
 use super::transfer_pieces::PieceList;
 
 /// A stretch is halved this often at most in search of the transfer function's bends; what is
@@ -67,6 +68,8 @@ pub(super) struct Tally {
     /// Steps within reach, and steps of slopes.
     pub(super) jumps: Sums,
     pub(super) kinks: Sums,
+    /// Slopes, and steps of slopes, times what x is off by storage.
+    pub(super) stored: Sums,
     /// Half the second derivative of the emission.
     pub(super) bend: f64,
     /// Errors of the emission.
@@ -80,8 +83,8 @@ pub(super) struct Integrator<'a> {
     pub(super) state: &'a mut RayState,
     /// Where the ray may end.
     ending: &'a Ending,
-    /// How far values along the ray may be off, in x; none where no one asks.
-    pub(super) reach: Option<f64>,
+    /// How far values along the ray may be off; none where no one asks.
+    pub(super) reach: Option<Reach>,
     /// What has been integrated since it was taken.
     pub(super) tally: Tally,
     /// Stretches integrated.
@@ -100,7 +103,7 @@ impl<'a> Integrator<'a> {
             pieces,
             state,
             ending,
-            reach: accounts.then_some(0.0),
+            reach: accounts.then(Reach::default),
             tally: Tally::default(),
             count: 0,
         }
@@ -129,9 +132,9 @@ impl<'a> Integrator<'a> {
         length: f64,
     ) {
         if let Some(reach) = self.reach
-            && (range[0] - reach < piece.start || range[1] + reach >= piece.end)
+            && (range[0] - reach.most() < piece.start || range[1] + reach.most() >= piece.end)
         {
-            self.look_around(x, range, reach, length, false);
+            self.look_around(x, range, &reach, length, false);
         }
         self.within(x, piece, range, length);
     }
@@ -143,33 +146,36 @@ impl<'a> Integrator<'a> {
         &mut self,
         x: &Polynomial<N>,
         [low, high]: [f64; 2],
-        reach: f64,
+        reach: &Reach,
         length: f64,
         monotone: bool,
     ) {
-        let (first, last) = (self.pieces.find(low - reach), self.pieces.find(high + reach));
+        let most = reach.most();
+        let (first, last) = (self.pieces.find(low - most), self.pieces.find(high + most));
         for index in first + 1..=last {
             let piece = self.pieces.piece(index);
             if !piece.step.is_nothing() {
+                let [stored, reach] = reach.near(piece.start);
                 let near = length * x.share_near(piece.start, reach);
                 let lit = near * self.state.transmittance;
                 let pair = [self.pieces.piece(index - 1), piece];
-                if !(monotone && is_clean([low, high], pair, reach)) {
+                if !(monotone && is_clean([low, high], pair, most)) {
                     self.tally.jumps.add(piece.step.jump, near, lit);
                     self.tally.kinks.add(piece.step.kink, near, lit);
+                    self.tally.stored.add(piece.step.kink.times(stored), near, lit);
                 }
                 self.tally.bend += piece.step.bend * lit;
             }
         }
     }
 
-    /// Tallies a stretch of `length` code lengths, and ∫ T ds = `lit`, that has been integrated.
+    /// Tallies a stretch of `length` code lengths, and ∫ T ds = `lit`, that has been integrated,
+    /// with x up to `high`.
     #[inline]
-    fn account(&mut self, piece: &Piece, length: f64, lit: f64) {
-        if self.reach.is_none() {
-            return;
-        }
+    fn account(&mut self, piece: &Piece, high: f64, length: f64, lit: f64) {
+        let Some(reach) = self.reach else { return };
         let slope = Change { emission: piece.slope[0], extinction: piece.slope[1] };
+        self.tally.stored.add(slope.times(reach.storage.up_to(high)), length, lit);
         self.tally.length += length;
         self.tally.lit += lit;
         self.tally.slope.add(slope, length, lit);
@@ -204,7 +210,7 @@ impl<'a> Integrator<'a> {
     fn cross<const N: usize>(&mut self, x: &Polynomial<N>, length: f64, rising: bool) {
         let ends = [x.at(0.0), x.at(1.0)];
         if let Some(reach) = self.reach {
-            self.look_around(x, range(&ends), reach, length, true);
+            self.look_around(x, range(&ends), &reach, length, true);
         }
         let (mut index, last) = (self.pieces.find(ends[0]), self.pieces.find(ends[1]));
         let (mut from, mut entry) = (0.0, ends[0]);
@@ -223,6 +229,7 @@ impl<'a> Integrator<'a> {
                     crossing.sums(x, length, [from, to], piece, self.ending.brightest);
                 self.tally.jumps = self.tally.jumps.plus(jump);
                 self.tally.kinks = self.tally.kinks.plus(kink);
+                self.tally.stored = self.tally.stored.plus(kink.times(crossing.stored()));
             }
             let before = self.state.transmittance;
             self.part(x, [from, to], [entry, exit], piece, length);
@@ -250,8 +257,8 @@ impl<'a> Integrator<'a> {
         let pieces = self.pieces;
         let pair = [pieces.piece(lower), pieces.piece(lower + 1)];
         let step = &pair[1].step;
-        let is_alone = !step.is_nothing() && is_clean([x.at(0.0), x.at(1.0)], pair, reach);
-        let at = (step, pair[1].start, reach);
+        let is_alone = !step.is_nothing() && is_clean([x.at(0.0), x.at(1.0)], pair, reach.most());
+        let at = (step, pair[1].start, reach.near(pair[1].start));
         let both = [transmittance, self.state.transmittance];
         is_alone.then(|| Crossing::new(x, length, at, before, both))
     }
@@ -290,13 +297,13 @@ impl<'a> Integrator<'a> {
             self.count += 1;
             lit = self.state.pass(piece.extinction(x), piece.emission(x), length);
         }
-        self.account(piece, length, lit);
+        self.account(piece, x, length, lit);
     }
 
     /// A whole cell of constant `x`.
     pub(super) fn cell(&mut self, x: f64, length: f64) {
         if let Some(reach) = self.reach {
-            self.look_around(&Polynomial([x]), [x, x], reach, length, false);
+            self.look_around(&Polynomial([x]), [x, x], &reach, length, false);
         }
         self.constant(x, length);
     }
@@ -318,7 +325,7 @@ impl<'a> Integrator<'a> {
                 None => self.exactly(x, piece, range, length),
             }
         };
-        self.account(piece, length, lit);
+        self.account(piece, range[1], length, lit);
     }
 
     /// Returns ∫ T ds, as do the others.

@@ -23,6 +23,8 @@ pub(super) struct Crossing<'p> {
     before: &'p Piece,
     /// Where x is the step's place.
     place: f64,
+    /// How far x may be off there by storage, and in all.
+    stored: f64,
     reach: f64,
     /// Code lengths within reach of the step.
     near: f64,
@@ -44,14 +46,19 @@ impl<'p> Crossing<'p> {
     pub(super) fn new<const N: usize>(
         x: &Polynomial<N>,
         length: f64,
-        (step, place, reach): (&'p Step, f64, f64),
+        (step, place, [stored, reach]): (&'p Step, f64, [f64; 2]),
         before: &'p Piece,
         [from, to]: [f64; 2],
     ) -> Self {
         let near = length * x.share_near(place, reach);
         let extinction = before.extinction(place - reach).max(before.extinction(place + reach));
         let transmittance = from.min(to * (extinction * near).exp());
-        Self { step, before, place, reach, near, transmittance }
+        Self { step, before, place, stored, reach, near, transmittance }
+    }
+
+    /// How far x may be off by storage where it is the step's place.
+    pub(super) fn stored(&self) -> f64 {
+        self.stored
     }
 
     /// What the picture may be off by where the way goes on through `after` over s in [`from`,
@@ -124,7 +131,7 @@ mod tests {
         let x = Polynomial([0.2, 0.5, 0.0, 0.0]);
         let (before, after) = (pieces.all.at(0.3), pieces.all.at(0.5));
         assert!(is_clean([0.2, 0.7], [before, after], reach));
-        let at = (&after.step, 0.4, reach);
+        let at = (&after.step, 0.4, [0.0, reach]);
         let crossing = Crossing::new(&x, 1.0, at, before, [1.0, 1.0]);
         crossing.sums(&x, 1.0, [0.4, 1.0], after, 1.0)[0]
     }

@@ -2,7 +2,7 @@
 //! domain.
 
 use super::blocks::ScaledBlock;
-use crate::cache::state;
+use crate::cache::visit_outside;
 
 /// The next coarser block, complete, and the level's cell index of its first cell.
 pub(super) struct Above<'a> {
@@ -74,28 +74,8 @@ impl<'a> Rows<'a> {
 /// Of a cell's parent, and of the parent's neighbour on the cell's side.
 const WEIGHTS: [f64; 2] = [0.75, 0.25];
 
-/// Gives cells outside the domain (of `cells` cells along each axis) the value of the nearest
-/// cell inside.
-pub(super) fn fill_outside(block: &mut ScaledBlock, first: [i128; 3], cells: [i128; 3]) {
-    if !block.states.contains(&state::OUTSIDE) {
-        return;
-    }
-    let side = block.side;
-    let inside: [Vec<usize>; 3] = std::array::from_fn(|a| {
-        (0..side as i128)
-            .map(|n| (first[a] + n).clamp(0, cells[a] - 1) - first[a])
-            .map(|n| usize::try_from(n).unwrap_or(0).min(side - 1))
-            .collect()
-    });
-    for z in 0..side {
-        for y in 0..side {
-            for x in 0..side {
-                let at = block.at([x, y, z]);
-                if block.states[at] == state::OUTSIDE {
-                    let from = block.at([inside[0][x], inside[1][y], inside[2][z]]);
-                    block.values[at] = block.values[from];
-                }
-            }
-        }
-    }
+/// Gives cells outside the domain the value of the nearest cell inside.
+pub(super) fn fill_outside(block: &mut ScaledBlock) {
+    let ScaledBlock { side, values, states, .. } = block;
+    visit_outside(*side, states, |at, nearest| values[at] = values[nearest]);
 }

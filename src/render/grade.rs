@@ -24,6 +24,7 @@ use super::packet::{DEEPEST, UNFIT};
 use super::ray_error::Change;
 use super::relief::{Group, Relief};
 use super::span::Smoothness;
+use super::storage::Storage;
 use super::transfer_pieces::TransferPieces;
 use super::transfer_table::{TransferTable, two_halves};
 
@@ -111,7 +112,7 @@ pub(super) struct Grades {
     /// As [`Care::share_of_cell`] has it.
     pub(super) share: f64,
     pub(super) stored: Vec<[f32; 4]>,
-    pub(super) storage: f32,
+    pub(super) storage: [f32; 2],
     /// Groups that packets march through.
     pub(super) fit: usize,
 }
@@ -135,13 +136,14 @@ impl Grades {
         self.fit = self.rates.iter().filter(|rate| **rate != UNFIT).count();
         self.stored.clear();
         self.stored.extend((0..count).map(|n| stored(relief.group(n), &transfer.table)));
-        self.storage = (relief.whole.storage as f32).next_up();
+        let Storage { most, slope, .. } = relief.whole.storage;
+        self.storage = [most, slope].map(|value| (value as f32).next_up());
         self.fill_levels((relief, hides), transfer);
         self.reliefs.clear();
         if has_squares {
             self.reliefs.extend((0..count).map(|n| row(relief.group(n))));
             self.reliefs.push(row(&relief.whole));
-            self.reach = ((reach + relief.whole.storage) as f32).next_up();
+            self.reach = ((reach + most) as f32).next_up();
             self.is_fit_for_wide = grader.smoothness_of(&relief.whole).is_some();
         }
     }
@@ -188,7 +190,7 @@ struct Grader<'g> {
 impl Grader<'_> {
     /// What the transfer function does over a group, if that is smooth and without void.
     fn smoothness_of(&self, group: &Group) -> Option<Smoothness> {
-        let reach = self.reach + group.storage;
+        let reach = self.reach + group.storage.most;
         let close = &self.transfer.close.merged;
         let is_full = group.low <= group.high && !group.has_void;
         let smoothness = is_full.then(|| close.smoothness(group.low - reach, group.high + reach));
@@ -233,11 +235,15 @@ impl Grader<'_> {
 
 /// As [`super::packet::Ground::stored`] has it.
 fn stored(group: &Group, table: &TransferTable) -> [f32; 4] {
-    let [emission, extinction] = relative(group.span.slope.times(group.storage), table);
+    let Storage { most, base, .. } = group.storage;
+    let [emission, extinction] = relative(group.span.slope.times(most), table);
     let up = |x: f64| (x.min(MOST_STORED) as f32).next_up();
-    [up(emission), up(extinction), up(group.storage), 0.0]
+    // Adding the slope's share to it rounds.
+    [up(emission), up(extinction), up(most), up(base + BASE_ROUNDING * base.abs())]
 }
 
+/// Rounding of a sum in f32, relative to one of the two.
+const BASE_ROUNDING: f64 = 3e-7;
 /// More than anything that is stored makes, in f32.
 const MOST_STORED: f64 = 1e38;
 

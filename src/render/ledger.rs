@@ -4,6 +4,7 @@ use super::absorb::{Integrator, Tally};
 use super::ray_error::{Change, RayError, Sums};
 use super::relief::{Group, Relief};
 use super::span::Span;
+use super::storage::Reach;
 
 /// Keeps a ray's account while it passes through a brick.
 ///
@@ -132,9 +133,9 @@ impl<'a> Ledger<'a> {
     }
 
     /// How far from this ray's values steps of the transfer function are looked for.
-    fn reach(&self) -> f64 {
+    fn reach(&self) -> Reach {
         let levels = if self.hides { self.relief.levels_reach } else { 0.0 };
-        self.shift.most + levels + self.group().storage
+        Reach { others: self.shift.most + levels, storage: self.group().storage }
     }
 
     fn shift_of(&self, group: &Group) -> Shift {
@@ -162,8 +163,7 @@ impl<'a> Ledger<'a> {
         let group = self.group();
         self.error.quadrature += tally.quadrature;
         let steepest = tally.slope.plus(tally.kinks);
-        let stored = steepest.times(group.storage);
-        self.error.storage = self.error.storage.plus(stored);
+        self.error.storage = self.error.storage.plus(tally.stored);
         if self.hides {
             let mut levels = Sums::of(group.levels, tally.length, tally.lit);
             if self.relief.levels_reach > 0.0 {

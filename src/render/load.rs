@@ -90,9 +90,9 @@ impl Loader for BrickLoader<'_> {
         self.cache.check_place(*node, self.shading.field, place, raw)?;
         let header = self.cache.header();
         let map = |stored: &[f32], x: &mut [f64]| self.shading.map_all(stored, x);
-        brick.prepare(raw, place, header, map, self.shading.interpolation)?;
+        brick.prepare(raw, place, header.shape, map, self.shading.interpolation)?;
         if let Some(pieces) = self.accounts {
-            brick.survey(pieces, &self.shading.distance(record, field), surveyor);
+            brick.survey(pieces, &self.shading.distance(record, field, Some(raw)), surveyor);
         }
         let blocks = usize::from(field.parent_blocks) + 1;
         Ok(LoadedBytes {

@@ -63,6 +63,7 @@ pub mod shading;
 mod span;
 pub mod stats;
 mod steepness;
+mod storage;
 #[cfg(test)]
 mod stress_tests;
 mod studio;

@@ -163,7 +163,7 @@ impl<'c> Probe<'c> {
         let factor = if low.abs().max(high.abs()) > LARGE { SHRUNK } else { 1.0 };
         let raw = &self.bricks[&finest.node];
         let mapping = one_by_one(|stored| f64::from(stored) * factor);
-        self.scaled.prepare(raw, &finest.place, header, mapping, Interpolation::Linear)?;
+        self.scaled.prepare(raw, &finest.place, header.shape, mapping, Interpolation::Linear)?;
         let lowest = finest.place.lowest_cell(header.shape);
         let corner = header.domain.cell_corner(finest.place.octree, lowest);
         let cells = header.domain.difference(position, &corner)

@@ -6,6 +6,7 @@ use super::ray_error::Change;
 use super::scaled::ScaledBrick;
 use super::span::Span;
 use super::steepness::{Steepness, Surveyor, Terrain};
+use super::storage::Storage;
 use super::transfer_pieces::PieceList;
 use crate::scene::Rounding;
 
@@ -14,8 +15,6 @@ pub(super) const GROUP_EDGE: usize = 4;
 /// Values farther off than this count by the transfer function's whole variation over the range
 /// that they may take, steps included; nearer ones by its slope, and steps where they are met.
 const FAR: f64 = 1e-3;
-/// Relative rounding of interpolated values.
-const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// A cube of [`GROUP_EDGE`]³ dual cells. Ranges and slopes take in one dual cell more on every
 /// side, as far as the brick knows it.
@@ -32,8 +31,8 @@ pub(super) struct Group {
     pub(super) levels: Change,
     /// Of a thinner brick, bound of the difference of x to that of the brick that it is made of.
     pub(super) thinned: f64,
-    /// Bound of the difference of x to that of the source's values, and of its rounding.
-    pub(super) storage: f64,
+    /// Difference of x to that of the source's values, and its rounding.
+    pub(super) storage: Storage,
     /// What the transfer function does over the range.
     pub(super) span: Span,
     /// Whether part of the group is void: what is drawn ends there.
@@ -147,7 +146,7 @@ impl Relief {
         for (n, (group, off)) in self.groups.iter_mut().zip(off).enumerate() {
             let most = |number: fn(&Group) -> f64| finer.most_beneath((n, self.side), number);
             group.thinned = off + most(|group| group.thinned);
-            group.storage = most(|group| group.storage);
+            group.storage = Storage::at_most(most(|group| group.storage.most));
             group.low -= group.thinned;
             group.high += group.thinned;
             group.span = pieces.over(group.low, group.high);
@@ -251,10 +250,11 @@ impl Looker<'_> {
         }
         group.span = self.pieces.over(group.low, group.high);
         let Distance { residual, tree, storage, .. } = *self.distance;
-        // Where neighbours are far larger their share is rounding.
-        let rounding = ROUNDING * group.low.abs().max(group.high.abs());
-        group.storage = storage.between(group.low, group.high) + rounding;
-        if residual > 0.0 && self.has_children(first) {
+        let has_children = residual > 0.0 && self.has_children(first);
+        // What lies beneath is off by parts of its own values.
+        let beneath = if has_children { residual } else { 0.0 };
+        group.storage = Storage::new(&storage, [group.low, group.high], (beneath, tree));
+        if has_children {
             group.levels =
                 if self.brick.is_piecewise_constant() || residual.is_nan() || residual >= FAR {
                     self.far_change(&group, residual, tree)

@@ -9,7 +9,7 @@ use super::packet::MOST_PARENTS;
 use super::relief::{Distance, Relief};
 use super::steepness::Surveyor;
 use super::transfer_pieces::PieceList;
-use crate::cache::{Block, BrickPlace, BrickShape, Header, RawBrick, state};
+use crate::cache::{Block, BrickPlace, BrickShape, RawBrick, state};
 use crate::scene::Interpolation;
 use crate::space::MAX_OCTREE_LEVEL;
 use crate::{Error, Result};
@@ -102,21 +102,21 @@ impl ScaledBrick {
     /// values to the transfer function's x, unclamped, as many as there is room for.
     ///
     /// # Errors
-    /// A payload whose shape or states contradict `header` or themselves.
+    /// A payload whose shape or states contradict `shape` or themselves.
     pub fn prepare(
         &mut self,
         raw: &RawBrick,
         place: &BrickPlace,
-        header: &Header,
+        shape: BrickShape,
         mapping: impl Fn(&[f32], &mut [f64]),
         interpolation: Interpolation,
     ) -> Result<()> {
-        check(raw, place, header.shape)?;
-        self.reset(header.shape.edge(), interpolation);
+        check(raw, place, shape)?;
+        self.reset(shape.edge(), interpolation);
         match interpolation {
             Interpolation::Cell => self.load_cells(raw, mapping),
             Interpolation::Linear => {
-                self.load_linear(raw, place, header, mapping);
+                self.load_linear(raw, place, shape, mapping);
                 self.find_margin(raw);
             }
         }
@@ -222,11 +222,11 @@ impl ScaledBrick {
         &mut self,
         raw: &RawBrick,
         place: &BrickPlace,
-        header: &Header,
+        shape: BrickShape,
         mapping: impl Fn(&[f32], &mut [f64]),
     ) {
         self.reserve(raw.blocks.len());
-        let lowest = place.lowest_cell(header.shape);
+        let lowest = place.lowest_cell(shape);
         for (up, own) in raw.blocks.iter().enumerate().rev() {
             let (lower, upper) = self.blocks.split_at_mut(up + 1);
             let block = &mut lower[up];
@@ -242,8 +242,7 @@ impl ScaledBrick {
                     &Above { block: above, first: lowest.map(|c| (c >> shift >> 1) - 1) },
                 );
             }
-            let octree = place.octree.saturating_sub_unsigned(shift);
-            fill_outside(block, first, cells_of(header, octree));
+            fill_outside(block);
         }
         self.complete(&raw.blocks);
     }
@@ -337,20 +336,6 @@ fn owner(raw: &[Block], cell: [usize; 3], edge_bits: u32) -> (f32, u8) {
         }
     }
     (0.0, state::VOID)
-}
-
-/// Cells of the domain along each axis at octree level `octree`, cells that it only touches
-/// included.
-fn cells_of(header: &Header, octree: i32) -> [i128; 3] {
-    header.domain.root_cells().map(|cells| {
-        let cells = i128::from(cells);
-        if octree >= 0 {
-            cells << octree.unsigned_abs().min(MAX_OCTREE_LEVEL)
-        } else {
-            let up = octree.unsigned_abs().min(100);
-            (cells + (1 << up) - 1) >> up
-        }
-    })
 }
 
 fn check(raw: &RawBrick, place: &BrickPlace, shape: BrickShape) -> Result<()> {

@@ -15,7 +15,7 @@ fn prepared(raw: &RawBrick, mode: Interpolation) -> crate::Result<ScaledBrick> {
     let shape = BrickShape::new(8).unwrap();
     let mut brick = ScaledBrick::new();
     let header = TestData::new(rough).header(shape);
-    brick.prepare(raw, &PLACE, &header, one_by_one(f64::from), mode).map(|()| brick)
+    brick.prepare(raw, &PLACE, header.shape, one_by_one(f64::from), mode).map(|()| brick)
 }
 
 fn raw() -> RawBrick {
@@ -79,7 +79,7 @@ fn a_brick_used_again_forgets_and_stays_within_its_bytes() {
             let raw = data.raw(level, at, shape);
             let place =
                 BrickPlace { tree_level: level as usize, octree: level as i32, coordinates: at };
-            brick.prepare(&raw, &place, &header, one_by_one(f64::from), mode).unwrap();
+            brick.prepare(&raw, &place, header.shape, one_by_one(f64::from), mode).unwrap();
             let fresh = data.brick(level, at, 8, mode);
             for &point in &points {
                 let again = brick.value_at(point, DrawnNeighbours::ALL);

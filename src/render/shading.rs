@@ -2,7 +2,7 @@
 
 use super::lanes::{Kernel, Lanes, Width};
 use super::relief::Distance;
-use crate::cache::{CachedField, FieldRecord, Header, NodeRecord};
+use crate::cache::{CachedField, FieldRecord, Header, NodeRecord, RawBrick};
 use crate::scene::{FieldExtrema, Interpolation, Mapping, TransferFunction, Units, VolumeSettings};
 use crate::{Error, Result};
 
@@ -20,10 +20,12 @@ pub struct Shading {
     factor: f64,
     /// Largest relative error of a stored value against the source's.
     relative_error: f64,
+    /// And of a leaf cell's.
+    leaf_error: f64,
 }
 
-/// Rounding to f32, relative.
-const F32_ROUNDING: f64 = 6e-8;
+/// Rounding of a relative error in f64, relative to it.
+const ERROR_ROUNDING: f64 = 1e-6;
 
 impl Shading {
     /// Looks the volume's field up in the cache, without regard to case.
@@ -52,12 +54,20 @@ impl Shading {
             transfer: TransferFunction::new(volume),
             mapping: Mapping::new(volume.scale, volume.range, extrema, to_units)?,
             factor: f64::from(cached.exponent).exp2(),
-            relative_error: cached.relative_error + F32_ROUNDING,
+            // Found in f64, which rounds.
+            relative_error: cached.relative_error * (1.0 + ERROR_ROUNDING),
+            leaf_error: cached.leaf_error * (1.0 + ERROR_ROUNDING),
         })
     }
 
-    /// How far what a brick draws may be from the truth.
-    pub(super) fn distance(&self, record: &NodeRecord, field: &FieldRecord) -> Distance {
+    /// How far what a brick draws may be from the truth; by storage no farther than its cells say, if
+    /// they are known.
+    pub(super) fn distance(
+        &self,
+        record: &NodeRecord,
+        field: &FieldRecord,
+        raw: Option<&RawBrick>,
+    ) -> Distance {
         let residual = match (record.descendants, self.interpolation) {
             (0, _) => 0.0,
             // Residuals are those of the interpolant.
@@ -67,11 +77,18 @@ impl Shading {
                 self.mapping.distance(linear, log10)
             }
         };
+        // Averages take part beside borders, and in what lies beneath.
+        let is_of_leaves = record.descendants == 0
+            && raw.is_some_and(|raw| match self.interpolation {
+                Interpolation::Cell => true,
+                Interpolation::Linear => raw.is_of_leaves(),
+            });
+        let error = if is_of_leaves { self.leaf_error } else { self.relative_error };
         Distance {
             residual,
             child_mask: record.child_mask,
             tree: self.range(field),
-            storage: self.mapping.rounding(self.relative_error),
+            storage: self.mapping.rounding(error),
         }
     }
 

@@ -206,9 +206,7 @@ impl TestData {
         let shape = BrickShape::new(edge).unwrap();
         let place = BrickPlace { tree_level: level as usize, octree: level as i32, coordinates };
         let mut brick = ScaledBrick::new();
-        brick
-            .prepare(raw, &place, &self.header(shape), one_by_one(f64::from), interpolation)
-            .unwrap();
+        brick.prepare(raw, &place, shape, one_by_one(f64::from), interpolation).unwrap();
         brick
     }
 

@@ -113,6 +113,7 @@ impl Tree {
             dropped_volume: 0.0,
             dropped_sum: 0.0,
             relative_error: 0.0,
+            leaf_error: 0.0,
         };
         Header {
             file_bytes: 0,

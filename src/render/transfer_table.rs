@@ -39,15 +39,28 @@ pub(super) struct Bends {
     /// Where these steps are, and the sums behind each.
     steps: Vec<(f64, [f32; 4])>,
     /// Largest half second derivative of the emission, steepest slopes of emission and extinction
-    /// near [`Bends::NEAR_SCALE`]'s places, and a filler; and anywhere.
+    /// within each of [`Bends::REACHES`] of places as far apart, and a filler; and anywhere.
     pub(super) near: Vec<[f32; 4]>,
     pub(super) anywhere: [f32; 4],
 }
 
 /// Parts of [0, 1] in which kinks are summed.
 const KINK_PARTS: usize = 4096;
-/// And in which slopes and second derivatives are looked at.
-const NEAR_PARTS: usize = 64;
+
+/// Rows of slopes within a reach of places from two before 0 to one behind 1.
+const fn near_count(reach: f32) -> usize {
+    (1.0 / reach) as usize + 4
+}
+
+const fn near_starts() -> [f32; 5] {
+    let (mut starts, mut row, mut n) = ([0.0; 5], 0, 0);
+    while n < starts.len() {
+        starts[n] = row as f32 + Bends::NEAR_BEFORE;
+        row += near_count(Bends::REACHES[n]);
+        n += 1;
+    }
+    starts
+}
 
 impl Bends {
     /// Place of x in the sums of kinks: that times x, plus `KINK_OFFSET`, from 0 to `KINK_LAST`.
@@ -56,14 +69,14 @@ impl Bends {
     pub(super) const KINK_SCALE: f32 = KINK_PARTS as f32;
     pub(super) const KINK_OFFSET: f32 = 1.0;
     pub(super) const KINK_LAST: f32 = KINK_PARTS as f32 + 2.0;
-    /// Place of x among the slopes near it: that times x, plus `NEAR_OFFSET`, rounded down, from 0
-    /// to `NEAR_LAST`; behind those of all smaller reaches.
-    pub(super) const NEAR_SCALE: f32 = NEAR_PARTS as f32;
-    pub(super) const NEAR_OFFSET: f32 = 2.0;
-    pub(super) const NEAR_LAST: f32 = NEAR_PARTS as f32 + 3.0;
-    /// How far from x slopes are looked at.
-    pub(super) const REACHES: [f32; 6] =
-        [1.0 / 64.0, 1.0 / 32.0, 1.0 / 16.0, 1.0 / 8.0, 1.0 / 4.0, 1.0 / 2.0];
+    /// How far from x slopes are looked at, farthest first.
+    pub(super) const REACHES: [f32; 5] =
+        [1.0 / 2.0, 1.0 / 8.0, 1.0 / 32.0, 1.0 / 128.0, 1.0 / 512.0];
+    /// Where the rows of each reach begin: x is found x / reach behind that, rounded down, not
+    /// before the row `NEAR_BEFORE` and not after the one `NEAR_AFTER` 1 / reach.
+    pub(super) const NEAR_STARTS: [f32; 5] = near_starts();
+    pub(super) const NEAR_BEFORE: f32 = 2.0;
+    pub(super) const NEAR_AFTER: f32 = 1.0;
 
     /// Of `pieces`, relative to the scales of emission and extinction.
     fn new(pieces: &PieceList, scales: [f64; 2]) -> Self {
@@ -85,9 +98,10 @@ impl Bends {
         };
         let kinks = (0..KINK_PARTS + 4).map(below).collect();
         let near = |reach: f32, place: usize| {
-            let width = 1.0 / NEAR_PARTS as f64;
-            let (x, reach) = ((place as f64 - 2.0) * width, f64::from(reach) + 1e-6);
-            pieces.smoothness(x - reach, x + width + reach)
+            let reach = f64::from(reach);
+            let x = (place as f64 - f64::from(Self::NEAR_BEFORE)) * reach;
+            let beyond = reach + 1e-6;
+            pieces.smoothness(x - beyond, x + reach + beyond)
         };
         let row = |Smoothness { bend, slope, .. }: Smoothness| {
             let values =
@@ -100,7 +114,7 @@ impl Bends {
             steps,
             near: Self::REACHES
                 .iter()
-                .flat_map(|reach| (0..NEAR_PARTS + 4).map(|place| row(near(*reach, place))))
+                .flat_map(|reach| (0..near_count(*reach)).map(|place| row(near(*reach, place))))
                 .collect(),
             anywhere: row(pieces.smoothness(0.0, 1.0)),
         }

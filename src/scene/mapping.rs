@@ -79,6 +79,11 @@ impl Rounding {
         let by_slope = self.slope * (low - self.zero).abs().max((high - self.zero).abs());
         if by_slope < self.most { by_slope } else { self.most }
     }
+
+    /// The x of 0, and the bound's slope from there on, where it grows with the value.
+    pub fn line(&self) -> Option<[f64; 2]> {
+        self.slope.is_finite().then_some([self.zero, self.slope])
+    }
 }
 
 impl Mapping {

@@ -107,7 +107,7 @@ impl<'c> Tree<'c> {
         let (raw, header) = (self.raw(node), self.cache.header());
         let map = one_by_one(|stored| self.map(scale, stored));
         let mut scaled = ScaledBrick::new();
-        scaled.prepare(&raw, &node.place, header, map, Interpolation::Linear).unwrap();
+        scaled.prepare(&raw, &node.place, header.shape, map, Interpolation::Linear).unwrap();
         Rc::clone(keep(&mut self.scaled.borrow_mut(), (node.index, scale), scaled))
     }
 

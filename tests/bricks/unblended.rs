@@ -32,7 +32,13 @@ impl Tree<'_> {
         let filled = prolonged(&raw, &node.place, header.shape);
         let mut scaled = ScaledBrick::new();
         scaled
-            .prepare(&filled, &node.place, header, one_by_one(f64::from), Interpolation::Linear)
+            .prepare(
+                &filled,
+                &node.place,
+                header.shape,
+                one_by_one(f64::from),
+                Interpolation::Linear,
+            )
             .unwrap();
         Rc::clone(super::keep(&mut self.unblended.borrow_mut(), (node.index, scale), scaled))
     }

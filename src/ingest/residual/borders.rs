@@ -20,9 +20,10 @@ impl Borders {
         self.ranges.clear();
     }
 
-    /// Looks at a brick's own block and its parent's.
-    pub(super) fn look_at(&mut self, raw: &RawBrick) {
-        for (around, block) in self.around.iter_mut().zip(&raw.blocks) {
+    /// Looks at a brick's own block and its parent's, with something in the place of cells outside
+    /// the domain.
+    pub(super) fn look_at(&mut self, pair: &[Block; 2]) {
+        for (around, block) in self.around.iter_mut().zip(pair) {
             Width::best().run(LookAround { around, block });
         }
     }

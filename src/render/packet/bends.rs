@@ -53,18 +53,18 @@ pub(super) fn slopes_near<L: Lanes>(
     half: L::Float,
 ) -> [L::Float; 4] {
     let bends = &ground.table.bends;
-    let (zero, one) = (l.splat(0.0), l.splat(1.0));
-    let (mut reaches, mut fits) = (zero, l.mask(0));
-    for n in 0..Bends::REACHES.len() {
-        fits = l.is_at_most(half, l.splat(Bends::REACHES[n]));
-        reaches = l.add(reaches, l.select(fits, zero, one));
+    let mut scale = l.splat(Bends::REACHES[0].recip());
+    let mut start = l.splat(Bends::NEAR_STARTS[0]);
+    for n in 1..Bends::REACHES.len() {
+        let fits = l.is_at_most(half, l.splat(Bends::REACHES[n]));
+        scale = l.select(fits, l.splat(Bends::REACHES[n].recip()), scale);
+        start = l.select(fits, l.splat(Bends::NEAR_STARTS[n]), start);
     }
-    let last = l.splat(Bends::NEAR_LAST);
-    let place = l.fma(middle, l.splat(Bends::NEAR_SCALE), l.splat(Bends::NEAR_OFFSET));
-    let place = l.floor(l.min(l.max(place, zero), last));
+    let place = l.max(l.floor(l.mul(middle, scale)), l.splat(-Bends::NEAR_BEFORE));
+    let place = l.min(place, l.add(scale, l.splat(Bends::NEAR_AFTER)));
+    let mut row = l.gather_row(&bends.near, l.index(l.add(start, place)));
     // Where no reach does, some row is looked up and not used.
-    let row = l.fma(reaches, l.add(last, one), place);
-    let mut row = l.gather_row(&bends.near, l.index(row));
+    let fits = l.is_at_most(half, l.splat(Bends::REACHES[0]));
     for n in 0..3 {
         row[n] = l.select(fits, row[n], l.splat(bends.anywhere[n]));
     }
@@ -105,7 +105,7 @@ pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     let half = l.fma(width, l.splat(0.5), off);
     let (zero, one) = (l.splat(0.0), l.splat(1.0));
     let [curved, slope, fade, _] =
-        slopes_near(l, ground, middle, l.add(half, l.splat(ground.storage)));
+        slopes_near(l, ground, middle, l.add(half, l.splat(ground.storage[0])));
     let steepest = [slope, fade];
     // Where x is no cubic nodes are off its mean by as much as it is off the line, and back.
     let mean = l.fma(bend.kink, l.splat(2.0), l.mul(bend.fourth, l.splat(1.0 / 180.0)));

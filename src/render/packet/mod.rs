@@ -72,10 +72,11 @@ pub(super) struct Ground<'g> {
     pub(super) levels: &'g [u32],
     /// The same of stored values, of each cell where these are constant; else empty.
     pub(super) storages: &'g [u32],
-    /// What stored values make of emission and extinction in each group, relative to the table's,
-    /// and what they make of x; and that at most.
+    /// What stored values make of emission and extinction in each group, relative to the table's;
+    /// and of x, at most, and where that is 0. The most that they make of x in any group, and
+    /// how much more that is for each unit of x.
     pub(super) stored: &'g [[f32; 4]],
-    pub(super) storage: f32,
+    pub(super) storage: [f32; 2],
     /// Where rays stand for squares, for each group, and all in one: steepest slopes of x along each
     /// axis, half the ranges of these, the range of x, and a filler; else empty.
     pub(super) reliefs: &'g [[f32; 8]],
@@ -261,6 +262,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
         // The rates of lanes that are not active may be no numbers.
         let emission_off = l.select(active, l.upper_half(bits), zero);
         let extinction_off = l.select(active, l.lower_half(bits), zero);
+        let stored = l.gather_row(ground.stored, group);
         let mut steep = Steep::none(l);
         let shift = if has_squares {
             squares.shift(l, ground, (&walk, way, group), BLENDED)
@@ -280,7 +282,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
                 let part = Part::new(l, ground, (&walk.cell, exists), along);
                 let bend = cube.bend(l, &skew, (along.from, length));
                 let (cube, part, rate) = (&cube, Some(&part), extinction_off);
-                let stretch = Stretch { cube, bend, part, from, way: length, rate };
+                let stretch = Stretch { cube, bend, part, from, way: length, rate, stored };
                 let passed = sums.pass::<ABSORBS>(l, ground, (&walk, &terms, ahead), stretch);
                 count += passed.count;
                 if has_squares {
@@ -293,7 +295,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
         } else {
             let bend = cube.bend(l, &skew, (walk.place, way));
             let (cube, from, rate) = (&cube, zero, extinction_off);
-            let stretch = Stretch { cube, bend, part: None, from, way, rate };
+            let stretch = Stretch { cube, bend, part: None, from, way, rate, stored };
             let passed = sums.pass::<ABSORBS>(l, ground, (&walk, &terms, active), stretch);
             count += passed.count;
             if has_squares {
@@ -307,8 +309,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
             let rates = rates_at(l, ground.levels, group, active);
             sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, lit, way);
         }
-        let row = l.gather_row(ground.stored, group);
-        sums.stored = add_stored::<L, ABSORBS>(l, sums.stored, (row, active), &steep, way);
+        sums.stored = add_stored::<L, ABSORBS>(l, sums.stored, (stored, active), &steep, way);
         active = go_on::<L, ABSORBS>(l, &mut walk, &exit, active, (sums.depth, fade));
     }
     sums.store(l, packet);
@@ -348,10 +349,10 @@ fn add_stored<L: Lanes, const ABSORBS: bool>(
     Steep { lit, slopes }: &Steep<L>,
     way: L::Float,
 ) -> [L::Float; 3] {
-    let [emission, extinction, x, _] = row;
+    let [emission, extinction, ..] = row;
     let of_group = [l.mul(emission, *lit), l.mul(extinction, *lit), l.mul(extinction, way)];
     for n in 0..if ABSORBS { 3 } else { 1 } {
-        let least = l.min(of_group[n], l.mul(x, slopes[n]));
+        let least = l.min(of_group[n], slopes[n]);
         sums[n] = l.add(sums[n], l.select(active, least, l.splat(0.0)));
     }
     sums

@@ -58,6 +58,8 @@ pub(super) struct Stretch<'s, L: Lanes> {
     pub(super) way: L::Float,
     /// What extinction is off by beside what is found out on the way.
     pub(super) rate: L::Float,
+    /// As [`Ground::stored`] has it.
+    pub(super) stored: [L::Float; 4],
 }
 
 /// A stretch that was passed.
@@ -69,8 +71,9 @@ pub(super) struct Passed<L: Lanes> {
     pub(super) steep: Steep<L>,
 }
 
-/// How a stretch, or several, answer to values that are off: ∫ T dt, and the same of the steepest
-/// slopes of emission and of extinction; and ∫ dt of the latter.
+/// How a stretch, or several, answer to values that are not stored exactly: ∫ T dt, and the same
+/// of the steepest slopes of emission and of extinction times what x is off by; and ∫ dt of the
+/// latter.
 #[derive(Clone, Copy)]
 pub(super) struct Steep<L: Lanes> {
     pub(super) lit: L::Float,
@@ -183,7 +186,7 @@ impl<L: Lanes> Gain<L> {
         l: L,
         ground: &Ground<'_>,
         (walk, terms, depth): (&Walk<L>, &Terms<L>, L::Float),
-        Stretch { cube, bend, part, from, way, rate }: Stretch<'_, L>,
+        Stretch { cube, bend, part, from, way, rate, stored }: Stretch<'_, L>,
         parts: u32,
     ) -> (Self, Seen<L>) {
         let share = (parts as f32).recip();
@@ -235,7 +238,10 @@ impl<L: Lanes> Gain<L> {
             let found = crooked::<L, ABSORBS>(l, ground, (values, bend), depths);
             seen = found.seen;
             gain.off[0] = l.fma(found.emission, lit, gain.off[0]);
-            let [slope, fade] = found.steepest;
+            let high = l.add(found.seen.middle, found.seen.half);
+            let off = l.min(stored[2], l.fma(l.splat(ground.storage[1]), high, stored[3]));
+            let off = l.max(off, zero);
+            let [slope, fade] = [l.mul(found.steepest[0], off), l.mul(found.steepest[1], off)];
             gain.steep.slopes[0] = l.fma(slope, lit, gain.steep.slopes[0]);
             if ABSORBS {
                 gain.steep.slopes[1] = l.fma(fade, lit, gain.steep.slopes[1]);

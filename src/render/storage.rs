@@ -1,0 +1,154 @@
+//! How far values are from the source's, as they are stored, and how far they may be off in all.
+
+use crate::scene::Rounding;
+
+/// Rounding in f64 of values, and of means of them.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
+/// Values are as good as 0 that are no farther below it, in x and relative to where 0 lies.
+const AS_GOOD_AS_ZERO: f64 = 1e-12;
+
+/// Bound of the difference that storage makes to x where that is a mean of stored values, as
+/// interpolants are: at most `most`, and at most `base` + `slope`·x. For values of one sign stored
+/// with a relative error, a mean of them is off by no more of its own.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Storage {
+    pub(super) most: f64,
+    pub(super) base: f64,
+    /// The same for all bricks of a picture.
+    pub(super) slope: f64,
+}
+
+impl Storage {
+    /// Of values between `low` and `high`, in place of which the truth has others, no more than
+    /// `beneath` from them and within `tree`.
+    pub(super) fn new(
+        rounding: &Rounding,
+        [low, high]: [f64; 2],
+        (beneath, tree): (f64, [f64; 2]),
+    ) -> Self {
+        let lowest = (low - beneath).max(tree[0].min(low));
+        let highest = (high + beneath).min(tree[1].max(high));
+        // Where neighbours are far larger their share is rounding.
+        let rounded = ROUNDING * low.abs().max(high.abs());
+        let most = rounding.between(lowest, highest) + rounded;
+        let Some([zero, slope]) = rounding.line() else {
+            return Self { most, base: f64::INFINITY, slope: 0.0 };
+        };
+        let below = AS_GOOD_AS_ZERO * zero.abs();
+        let base = if lowest >= zero - below {
+            slope * (beneath.min(highest - low) + 2.0 * below - zero) + rounded
+        } else {
+            f64::INFINITY
+        };
+        Self { most, base, slope }
+    }
+
+    /// Known by no more than its largest.
+    pub(super) fn at_most(most: f64) -> Self {
+        Self { most, base: f64::INFINITY, slope: 0.0 }
+    }
+
+    /// Where x is at most so much.
+    #[inline]
+    pub(super) fn up_to(&self, x: f64) -> f64 {
+        (self.base + self.slope * x).min(self.most).max(0.0)
+    }
+
+    /// What holds for both.
+    pub(super) fn max(self, other: Self) -> Self {
+        Self {
+            most: self.most.max(other.most),
+            base: self.base.max(other.base),
+            slope: self.slope.max(other.slope),
+        }
+    }
+}
+
+/// How far values along a ray may be off, in x.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Reach {
+    /// By anything but storage.
+    pub(super) others: f64,
+    pub(super) storage: Storage,
+}
+
+impl Reach {
+    /// At most.
+    #[inline]
+    pub(super) fn most(&self) -> f64 {
+        self.others + self.storage.most
+    }
+
+    /// By storage, and in all, where x may be `place`.
+    pub(super) fn near(&self, place: f64) -> [f64; 2] {
+        let stored = self.storage.up_to(place + self.most());
+        [stored, self.others + stored]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::scene::{FieldExtrema, Mapping, Scale};
+
+    /// What stored values are off by, relative.
+    const STORED: f64 = 0.01;
+
+    fn scale(number: usize) -> (Scale, [f64; 2]) {
+        [
+            (Scale::Linear, [0.0, 50.0]),
+            (Scale::Linear, [-20.0, 5.0]),
+            (Scale::Linear, [3.0, 9.0]),
+            (Scale::Log10, [1e-2, 1e3]),
+            (Scale::Symlog { linthresh: 2.0 }, [-5.0, 50.0]),
+        ][number]
+    }
+
+    proptest! {
+        /// Means of mapped values, stored ones and the source's, at most `beneath` apart but for
+        /// storage.
+        #[test]
+        fn means_are_off_by_no_more(
+            number in 0..5_usize,
+            values in prop::collection::vec((-1.0..1.0_f64, -1.0..1.0_f64, -1.0..1.0_f64), 8),
+            weights in prop::collection::vec(0.01..1.0_f64, 8),
+            sign in 0..3_usize,
+            apart in 0.0..2.0_f64,
+        ) {
+            let (scale, range) = scale(number);
+            let extrema = FieldExtrema { minimum: -60.0, maximum: 60.0, smallest_positive: Some(1e-3) };
+            let mapping = Mapping::new(scale, Some(range), extrema, 1.0).unwrap();
+            let rounding = mapping.rounding(STORED);
+            let log10_floor = if scale == Scale::Log10 { 1e-2 } else { 0.0 };
+            let value = |v: f64| match sign {
+                0 => v,
+                1 => v.abs(),
+                _ => -v.abs(),
+            } * 50.0 + log10_floor;
+            let (mut own, mut beneath) = (Vec::new(), 0.0_f64);
+            let (mut drawn, mut truth, mut total) = (0.0, 0.0, 0.0);
+            for ((v, finer, off), weight) in values.iter().zip(&weights) {
+                let x = mapping.unclamped(value(*v));
+                let stored = value(*v) + apart * finer;
+                let source = stored / (1.0 + STORED * off);
+                beneath = beneath.max((mapping.unclamped(stored) - x).abs());
+                own.push(x);
+                drawn += weight * x;
+                // By storage alone: both of what is beneath.
+                truth += weight * (mapping.unclamped(source) - mapping.unclamped(stored)).abs();
+                total += weight;
+            }
+            let low = own.iter().copied().fold(f64::INFINITY, f64::min);
+            let high = own.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let storage = Storage::new(&rounding, [low, high], (beneath, [f64::NEG_INFINITY, f64::INFINITY]));
+            let (bound, off) = (storage.up_to(drawn / total), truth / total);
+            prop_assert!(off <= bound * (1.0 + 1e-9), "{off:e} {bound:e} {storage:?}");
+            // It is no more than it takes.
+            if beneath == 0.0 && low > 0.0 && scale == Scale::Linear && range[0] == 0.0 {
+                prop_assert!(bound <= 1.02 * STORED * drawn / total);
+            }
+        }
+    }
+}
