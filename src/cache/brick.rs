@@ -101,14 +101,6 @@ impl RawBrick {
         })
     }
 
-    /// Whether all of the brick's own cells and their ghosts hold values of leaf cells, none dropped,
-    /// but for those outside the domain.
-    pub fn is_of_leaves(&self) -> bool {
-        let is_leaf =
-            |all: bool, &bits: &u8| all & (bits == state::EXISTS || bits == state::OUTSIDE);
-        self.blocks.first().is_some_and(|own| own.states.iter().fold(true, is_leaf))
-    }
-
     /// Sets the brick up for `blocks` blocks of shape `shape`, reusing memory.
     pub(crate) fn reset(&mut self, shape: BrickShape, blocks: usize) {
         self.blocks.resize_with(blocks, Block::default);

@@ -75,6 +75,7 @@ impl<'s> Stage<'s> {
                 child_mask: 0,
                 tree: [0.0, 1.0],
                 storage: Rounding::default(),
+                leaf_storage: Rounding::default(),
             };
             brick.survey(&transfer.all, &distance, &mut Surveyor::default());
             let corner = data.domain.cell_corner(level as i32, at.map(|c| c * EDGE));

@@ -92,7 +92,7 @@ impl Loader for BrickLoader<'_> {
         let map = |stored: &[f32], x: &mut [f64]| self.shading.map_all(stored, x);
         brick.prepare(raw, place, header.shape, map, self.shading.interpolation)?;
         if let Some(pieces) = self.accounts {
-            brick.survey(pieces, &self.shading.distance(record, field, Some(raw)), surveyor);
+            brick.survey(pieces, &self.shading.distance(record, field), surveyor);
         }
         let blocks = usize::from(field.parent_blocks) + 1;
         Ok(LoadedBytes {

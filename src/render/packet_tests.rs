@@ -33,7 +33,8 @@ pub(super) fn surveyed(
 ) -> ScaledBrick {
     let mut brick = data.brick(level, at, EDGE, Interpolation::Linear);
     let storage = Rounding::default();
-    let distance = Distance { residual: 0.0, child_mask: 0, tree: [0.0, 1.0], storage };
+    let distance =
+        Distance { residual: 0.0, child_mask: 0, tree: [0.0, 1.0], storage, leaf_storage: storage };
     brick.survey(&pieces.all, &distance, &mut Surveyor::default());
     brick
 }

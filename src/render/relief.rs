@@ -48,8 +48,9 @@ pub(super) struct Distance {
     pub(super) child_mask: u8,
     /// What x can be in the brick's box at any level.
     pub(super) tree: [f64; 2],
-    /// Of values stored to those of the source.
+    /// Of values stored to those of the source, averages included, and of leaf cells' alone.
     pub(super) storage: Rounding,
+    pub(super) leaf_storage: Rounding,
 }
 
 /// The groups of a brick. Its memory is reused from brick to brick.
@@ -249,11 +250,13 @@ impl Looker<'_> {
             return group;
         }
         group.span = self.pieces.over(group.low, group.high);
-        let Distance { residual, tree, storage, .. } = *self.distance;
+        let Distance { residual, tree, storage, leaf_storage, .. } = *self.distance;
         let has_children = residual > 0.0 && self.has_children(first);
-        // What lies beneath is off by parts of its own values.
+        // What lies beneath is off by parts of its own values; averages take part beside borders.
         let beneath = if has_children { residual } else { 0.0 };
-        group.storage = Storage::new(&storage, [group.low, group.high], (beneath, tree));
+        let holds_averages = terrain.holds_averages || has_children;
+        let stored = if holds_averages { storage } else { leaf_storage };
+        group.storage = Storage::new(&stored, [group.low, group.high], (beneath, tree));
         if has_children {
             group.levels =
                 if self.brick.is_piecewise_constant() || residual.is_nan() || residual >= FAR {

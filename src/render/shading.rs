@@ -2,7 +2,7 @@
 
 use super::lanes::{Kernel, Lanes, Width};
 use super::relief::Distance;
-use crate::cache::{CachedField, FieldRecord, Header, NodeRecord, RawBrick};
+use crate::cache::{CachedField, FieldRecord, Header, NodeRecord};
 use crate::scene::{FieldExtrema, Interpolation, Mapping, TransferFunction, Units, VolumeSettings};
 use crate::{Error, Result};
 
@@ -60,14 +60,8 @@ impl Shading {
         })
     }
 
-    /// How far what a brick draws may be from the truth; by storage no farther than its cells say, if
-    /// they are known.
-    pub(super) fn distance(
-        &self,
-        record: &NodeRecord,
-        field: &FieldRecord,
-        raw: Option<&RawBrick>,
-    ) -> Distance {
+    /// How far what a brick draws may be from the truth.
+    pub(super) fn distance(&self, record: &NodeRecord, field: &FieldRecord) -> Distance {
         let residual = match (record.descendants, self.interpolation) {
             (0, _) => 0.0,
             // Residuals are those of the interpolant.
@@ -77,18 +71,12 @@ impl Shading {
                 self.mapping.distance(linear, log10)
             }
         };
-        // Averages take part beside borders, and in what lies beneath.
-        let is_of_leaves = record.descendants == 0
-            && raw.is_some_and(|raw| match self.interpolation {
-                Interpolation::Cell => true,
-                Interpolation::Linear => raw.is_of_leaves(),
-            });
-        let error = if is_of_leaves { self.leaf_error } else { self.relative_error };
         Distance {
             residual,
             child_mask: record.child_mask,
             tree: self.range(field),
-            storage: self.mapping.rounding(error),
+            storage: self.mapping.rounding(self.relative_error),
+            leaf_storage: self.mapping.rounding(self.leaf_error),
         }
     }
 

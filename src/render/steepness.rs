@@ -20,6 +20,8 @@ pub(super) struct Terrain {
     pub(super) steepness: Steepness,
     /// Whether part of it is void.
     pub(super) has_void: bool,
+    /// Whether any values are, or come from, averages of refined cells.
+    pub(super) holds_averages: bool,
 }
 
 /// One thread's buffers for looking at bricks.
@@ -123,7 +125,8 @@ impl Surveyor {
         ranges.find((&block.values, block.side), windows, of_block);
         terrains.extend(of_block.iter().map(|found| {
             let steepness = Steepness { values: found.values, slopes: [[0.0; 2]; 3] };
-            Terrain { steepness, has_void: false }
+            // Cells that have averages have children, which says as much.
+            Terrain { steepness, has_void: false, holds_averages: false }
         }));
         let mut terrain = terrains.iter_mut();
         let area = block.side * block.side;
@@ -151,10 +154,13 @@ impl Surveyor {
         let last = |group: usize| (group * GROUP_EDGE + GROUP_EDGE).min(edge);
         self.set_windows(|group| (first(group), last(group) + 1), side);
         self.steepness(&brick.blocks[0]);
-        let has_void = false;
-        let terrains = self.of_block.iter().map(|&steepness| Terrain { steepness, has_void });
-        self.terrains.extend(terrains);
-        if brick.duals.is_empty() {
+        let plain = |&steepness: &Steepness| {
+            let (has_void, holds_averages) = (false, false);
+            Terrain { steepness, has_void, holds_averages }
+        };
+        self.terrains.extend(self.of_block.iter().map(plain));
+        let is_leaf = |bits: &u8| *bits == state::EXISTS || *bits == state::OUTSIDE;
+        if brick.blocks[0].states.iter().fold(true, |all, bits| all & is_leaf(bits)) {
             return;
         }
         self.mark(brick);
@@ -170,24 +176,28 @@ impl Surveyor {
         is_mixed.clear();
         is_mixed.reserve_exact(terrains.len());
         let mut terrain = terrains.iter_mut();
-        flags.fold(
-            (count, shorter),
-            0,
-            |a, b| a | b,
-            |z, plane| {
-                let kinds = &brick.duals[z * count * count..];
-                for (flag, &kind) in plane.iter_mut().zip(kinds) {
-                    let (mixed, void) = (kind != dual::PLAIN, kind == dual::VOID);
-                    *flag = (u8::from(mixed) * IS_MIXED) | (u8::from(void) * IS_VOID);
-                }
-            },
-            |found| {
-                is_mixed.push(found & IS_MIXED != 0);
-                if let Some(terrain) = terrain.next() {
-                    terrain.has_void = found & IS_VOID != 0;
-                }
-            },
-        );
+        if brick.duals.is_empty() {
+            is_mixed.resize(terrain.len(), false);
+        } else {
+            flags.fold(
+                (count, shorter),
+                0,
+                |a, b| a | b,
+                |z, plane| {
+                    let kinds = &brick.duals[z * count * count..];
+                    for (flag, &kind) in plane.iter_mut().zip(kinds) {
+                        let (mixed, void) = (kind != dual::PLAIN, kind == dual::VOID);
+                        *flag = (u8::from(mixed) * IS_MIXED) | (u8::from(void) * IS_VOID);
+                    }
+                },
+                |found| {
+                    is_mixed.push(found & IS_MIXED != 0);
+                    if let Some(terrain) = terrain.next() {
+                        terrain.has_void = found & IS_VOID != 0;
+                    }
+                },
+            );
+        }
         let block = &brick.blocks[0];
         let mut marked = terrains.iter_mut().zip(is_mixed.iter());
         flags.fold(
@@ -198,6 +208,8 @@ impl Surveyor {
             |found| {
                 if let Some((terrain, is_mixed)) = marked.next() {
                     terrain.has_void |= *is_mixed && found & state::VOID != 0;
+                    let averages = state::REFINED | state::VOID;
+                    terrain.holds_averages = *is_mixed || found & averages != 0;
                 }
             },
         );

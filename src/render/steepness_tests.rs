@@ -61,7 +61,11 @@ fn group_of_cells(brick: &ScaledBrick, first: [usize; 3]) -> Terrain {
         has_void |= x.is_nan();
         values = [values[0].min(x), values[1].max(x)];
     });
-    Terrain { steepness: Steepness { values, slopes: [[0.0; 2]; 3] }, has_void }
+    Terrain {
+        steepness: Steepness { values, slopes: [[0.0; 2]; 3] },
+        has_void,
+        holds_averages: false,
+    }
 }
 
 fn group(brick: &ScaledBrick, first: [usize; 3]) -> (Terrain, bool) {
@@ -69,7 +73,11 @@ fn group(brick: &ScaledBrick, first: [usize; 3]) -> (Terrain, bool) {
     let duals = first.map(|f| (f + GROUP_EDGE).min(EDGE));
     let mut within = (lo, duals.map(|h| h + 1));
     let mut found = steepness(&brick.blocks[0], within);
-    let (mut is_mixed, mut has_void) = (false, false);
+    let (mut is_mixed, mut has_void, mut holds_averages) = (false, false, false);
+    each(within, |cell| {
+        let bits = brick.blocks[0].states[brick.blocks[0].at(cell)];
+        holds_averages |= bits != state::EXISTS && bits != state::OUTSIDE;
+    });
     if !brick.duals.is_empty() {
         each((lo, duals), |[x, y, z]| {
             let kind = brick.duals[(z * (EDGE + 1) + y) * (EDGE + 1) + x];
@@ -96,7 +104,7 @@ fn group(brick: &ScaledBrick, first: [usize; 3]) -> (Terrain, bool) {
             found.loosen(2.0 * (difference + bend) * 2.0 * pair[1].scale);
         }
     }
-    (Terrain { steepness: found, has_void }, is_mixed)
+    (Terrain { steepness: found, has_void, holds_averages }, is_mixed)
 }
 
 fn assert_near(a: [f64; 2], b: [f64; 2]) {
@@ -119,6 +127,7 @@ fn brick((level, at): At, void: Option<usize>, interpolation: Interpolation) -> 
 
 fn assert_alike(found: &Terrain, expected: &Terrain) {
     assert_eq!(found.has_void, expected.has_void);
+    assert_eq!(found.holds_averages, expected.holds_averages);
     assert_near(found.steepness.values, expected.steepness.values);
     for a in 0..3 {
         assert_near(found.steepness.slopes[a], expected.steepness.slopes[a]);
@@ -132,7 +141,7 @@ fn groups_are_as_they_are_one_by_one() {
     let place = |n: usize| [n % side, n / side % side, n / side / side].map(|g| g * GROUP_EDGE);
     // Of groups of dual cells: mixed ones and others; with void and without, of dual cells and of
     // cells.
-    let (mut mixed, mut void) = ([0; 2], [[0; 2]; 2]);
+    let (mut mixed, mut averages, mut void) = ([0; 2], [0; 2], [[0; 2]; 2]);
     for at in UNTIDY_BRICKS {
         for dropped in [None, Some(0), Some(1)] {
             let linear = brick(at, dropped, Interpolation::Linear);
@@ -142,6 +151,7 @@ fn groups_are_as_they_are_one_by_one() {
                 let (expected, is_mixed) = group(&linear, place(n));
                 assert_alike(terrain, &expected);
                 mixed[usize::from(is_mixed)] += 1;
+                averages[usize::from(expected.holds_averages)] += 1;
                 void[0][usize::from(expected.has_void)] += 1;
             }
             let cells = brick(at, dropped, Interpolation::Cell);
@@ -154,8 +164,8 @@ fn groups_are_as_they_are_one_by_one() {
             }
         }
     }
-    let all = mixed.iter().chain(void.iter().flatten());
-    assert!(all.into_iter().all(|&count| count > 20), "{mixed:?} {void:?}");
+    let all = mixed.iter().chain(&averages).chain(void.iter().flatten());
+    assert!(all.into_iter().all(|&count| count > 20), "{mixed:?} {averages:?} {void:?}");
 }
 
 #[test]

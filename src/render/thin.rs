@@ -100,6 +100,7 @@ impl Thinner {
                 child_mask: 0,
                 tree: [whole.low, whole.high],
                 storage: Rounding::default(),
+                leaf_storage: Rounding::default(),
             };
             thinner.survey(pieces, &exact, &mut self.surveyor);
             thinner.relief.loosen(&finer.relief, pieces, &comparison.off);

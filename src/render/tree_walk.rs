@@ -323,7 +323,7 @@ impl Scenery<'_> {
     /// it left aside.
     fn error(&self, request: &BrickRequest, seen: &Seen, cut: &ErrorCut) -> f64 {
         let Distance { residual, tree, .. } =
-            self.shading.distance(&request.record, &request.field, None);
+            self.shading.distance(&request.record, &request.field);
         let span = self.bounds.over(tree[0], tree[1]);
         let by_slope = span.slope.times(residual.min(tree[1] - tree[0])).plus(span.jumps);
         let change = by_slope.min(span.variation.plus(span.jumps));
