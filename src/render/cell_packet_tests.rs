@@ -189,7 +189,7 @@ fn bounds_are_small() {
         let [off, _] = setting.check(&rays, &found).unwrap();
         assert!(off > 1e-9, "{off:e}");
         let bounds = found.states.iter().zip(&found.errors).map(|(state, error)| {
-            error.shares(state.light(), state.opacity(), brightest, 0.0).quadrature
+            error.shares(state.radiance, state.opacity(), brightest, 0.0).quadrature
         });
         let small = bounds.filter(|bound| *bound < 3e-4 * brightest).count() as u32;
         assert!(small >= COUNT * if opaque { 90 } else { 99 } / 100, "{small}");

@@ -24,6 +24,8 @@ pub(super) struct Ledger<'a> {
     angle: f64,
     /// The group that is being added up.
     current: usize,
+    /// What the ray had gathered when that was begun.
+    gathered: [f64; 3],
     shift: Shift,
 }
 
@@ -65,7 +67,8 @@ impl<'a> Ledger<'a> {
         hides: bool,
         (spread, angle): ([f64; 3], f64),
     ) -> Self {
-        Self { relief, error, hides, spread, angle, current: NO_GROUP, shift: Shift::default() }
+        let (current, gathered, shift) = (NO_GROUP, [0.0; 3], Shift::default());
+        Self { relief, error, hides, spread, angle, current, gathered, shift }
     }
 
     /// Whether the rays of the square are apart at all.
@@ -157,26 +160,27 @@ impl<'a> Ledger<'a> {
     /// Adds what the integrator has tallied.
     pub(super) fn close(&mut self, integrator: &mut Integrator<'_>) {
         let tally = std::mem::take(&mut integrator.tally);
+        let gathered = std::mem::replace(&mut self.gathered, integrator.state.radiance);
         if self.current == NO_GROUP {
             return;
         }
         let group = self.group();
         self.error.quadrature += tally.quadrature;
         let steepest = tally.slope.plus(tally.kinks);
-        self.error.storage = self.error.storage.plus(tally.stored);
+        self.error.storage = self.error.storage.plus(tally.stored.behind(gathered));
         if self.hides {
             let mut levels = Sums::of(group.levels, tally.length, tally.lit);
             if self.relief.levels_reach > 0.0 {
                 levels = levels.min(steepest.times(self.relief.levels_reach));
             }
-            self.error.levels = self.error.levels.plus(levels);
+            self.error.levels = self.error.levels.plus(levels.behind(gathered));
         }
         if self.is_spread() {
             self.add_spread(&tally, group.border());
         } else {
             // Steps within reach of what is beneath, or of what is not stored exactly.
             let cause = if self.hides { &mut self.error.levels } else { &mut self.error.storage };
-            *cause = cause.plus(tally.jumps);
+            *cause = cause.plus(tally.jumps.behind(gathered));
         }
     }
 

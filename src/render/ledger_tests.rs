@@ -165,13 +165,13 @@ impl<'s> Stage<'s> {
         others: &[f64],
     ) -> Result<(), TestCaseError> {
         let (centre, brightest) = (channels(&state), self.brightest);
-        let (light, opacity) = (state.light(), state.opacity());
+        let (light, opacity) = (state.radiance, state.opacity());
         // Of light, and of opacity, whose own light is never brighter than 1.
         let farthest = error.off_by(error.farthest, light, brightest).max(error.farthest.dimmed);
         let shares = error.shares(light, opacity, brightest, 0.0);
         let apart = |(n, value): (usize, &f64)| (value - centre[n % 4]).abs();
         let worst = others.iter().enumerate().map(apart).fold(0.0, f64::max);
-        let rounding = 1e-9 * (1.0 + light) + shares.quadrature;
+        let rounding = 1e-9 * (1.0 + state.light()) + shares.quadrature;
         prop_assert!(worst <= farthest + rounding, "farthest {worst:e}, not {farthest:e}");
         let off = (0..4).map(|c| (mean[c] - centre[c]).abs()).fold(0.0, f64::max);
         let area = shares.pixel_area;

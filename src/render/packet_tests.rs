@@ -106,7 +106,7 @@ impl<'s> Setting<'s> {
         let brightest = self.exact.brightest().min(LONGEST * self.exact.largest_emission());
         for ((state, error), exact) in found.states.iter().zip(&found.errors).zip(self.alone(rays))
         {
-            let shares = error.shares(state.light(), state.opacity(), brightest, 0.0);
+            let shares = error.shares(state.radiance, state.opacity(), brightest, 0.0);
             let bound = shares.quadrature + shares.storage + shares.rounding;
             let off = (0..3)
                 .map(|c| (state.radiance[c] - exact.radiance[c]).abs())

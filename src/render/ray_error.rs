@@ -57,9 +57,23 @@ pub(super) struct Sums {
     pub(super) dimmed: f64,
     /// ∫ |Δκ| ds.
     pub(super) extinction: f64,
+    /// ∫ |Δκ|·(what the ray has gathered before s: R, G, B) ds, or less.
+    pub(super) passed: [f64; 3],
 }
 
 impl Sums {
+    pub(super) fn new(emission: f64, dimmed: f64, extinction: f64) -> Self {
+        Self { emission, dimmed, extinction, passed: [0.0; 3] }
+    }
+
+    /// The same, of places behind which the ray had gathered so much `light`.
+    #[inline]
+    pub(super) fn behind(self, light: [f64; 3]) -> Self {
+        let is_finite = self.extinction.is_finite();
+        let passed = light.map(|light| if is_finite { self.extinction * light } else { 0.0 });
+        Self { passed, ..self }
+    }
+
     /// Adds a stretch of `length` along which ∫ T̃ ds is at most `lit`.
     #[inline]
     pub(super) fn add(&mut self, change: Change, length: f64, lit: f64) {
@@ -80,14 +94,17 @@ impl Sums {
             emission: self.emission + other.emission,
             dimmed: self.dimmed + other.dimmed,
             extinction: self.extinction + other.extinction,
+            passed: std::array::from_fn(|c| self.passed[c] + other.passed[c]),
         }
     }
 
     pub(super) fn min(self, other: Self) -> Self {
+        let [less, _] =
+            if self.extinction < other.extinction { [self, other] } else { [other, self] };
         Self {
             emission: self.emission.min(other.emission),
             dimmed: self.dimmed.min(other.dimmed),
-            extinction: self.extinction.min(other.extinction),
+            ..less
         }
     }
 
@@ -96,13 +113,21 @@ impl Sums {
             emission: self.emission * factor,
             dimmed: self.dimmed * factor,
             extinction: self.extinction * factor,
+            passed: self.passed.map(|passed| passed * factor),
         }
     }
 
-    /// ∫ T̃·(|Δj| + |Δκ|·L) ds where L is at most `brightest`, and T̃·L at most `light`; and of
-    /// 1 − T: the larger of both.
-    fn bound(self, light: f64, brightest: f64) -> f64 {
-        let absorbed = product(self.dimmed, brightest).min(product(self.extinction, light));
+    /// ∫ |Δκ|·T̃·L ds, of any channel, where all light that is gathered from s on is at most `light`
+    /// less what was before.
+    fn absorbed(self, light: [f64; 3]) -> f64 {
+        let channel = |c: usize| (product(self.extinction, light[c]) - self.passed[c]).max(0.0);
+        channel(0).max(channel(1)).max(channel(2))
+    }
+
+    /// ∫ T̃·(|Δj| + |Δκ|·L) ds where L is at most `brightest`, and T̃·L what [`Self::absorbed`] takes
+    /// it to be; and of 1 − T: the larger of both.
+    fn bound(self, light: [f64; 3], brightest: f64) -> f64 {
+        let absorbed = product(self.dimmed, brightest).min(self.absorbed(light));
         (self.emission + absorbed).max(self.dimmed)
     }
 }
@@ -182,6 +207,9 @@ impl ErrorShares {
 /// Relative error of exact integration and of sums along a ray: what the stress tests of the
 /// integrator hold it to.
 const INTEGRATION: f64 = 1e-9;
+/// The same, of what was gathered before a place and what was in all: what is between is their
+/// difference.
+const GATHERED: f64 = 1e-6;
 /// Relative error of a channel stored as f32.
 const STORED: f64 = 6e-8;
 
@@ -205,24 +233,29 @@ impl RayError {
         self.products.dimmed += in_front * (new.dimmed - old.dimmed);
     }
 
-    /// Bounds by cause, for a ray that has gathered `light` (its largest channel) and absorbs
-    /// `opacity` of what lies behind; `brightest` bounds light from behind any place, `rest` light from
-    /// behind where the ray ended early.
+    /// Bounds by cause, for a ray that has gathered `light` (R, G, B) and absorbs `opacity` of what
+    /// lies behind; `brightest` bounds light from behind any place, `rest` light from behind where
+    /// the ray ended early.
+    ///
+    /// What is gathered up to s as it was marched, and from there on in truth, is H(s) = Ĩ(s) +
+    /// T̃·L: off from the ray's own Ĩ by no more than that is from the truth, as it is off by the
+    /// same sums from s on. So T̃·L is at most Ĩ, and what that may be off by, less Ĩ(s).
     pub(super) fn shares(
         &self,
-        light: f64,
+        light: [f64; 3],
         opacity: f64,
         brightest: f64,
         rest: f64,
     ) -> ErrorShares {
         let beside = self.of_itself();
-        let farthest = self.off_by(beside.plus(self.farthest), light, brightest);
-        // T̃·L is the light that is still to come, of the truth: at most that of the ray and what
-        // it may be off by.
-        let light_above = light + farthest;
+        let largest = light.into_iter().fold(0.0, f64::max);
+        let termination = if rest > 0.0 { product(1.0 - opacity, rest.max(1.0)) } else { 0.0 };
+        let gathered = light.map(|light| light * (1.0 + GATHERED) + termination);
+        let farthest = self.off_by(beside.plus(self.farthest), gathered, brightest);
+        let gathered = gathered.map(|light| light + farthest);
         // No light is brighter than the brightest, and no opacity above 1.
-        let most = brightest.max(light).max(1.0);
-        let bound = |sums: Sums| sums.bound(light_above, brightest).min(most);
+        let most = brightest.max(largest).max(1.0);
+        let bound = |sums: Sums| sums.bound(gathered, brightest).min(most);
         // Offsets within a square are on average half the largest.
         let mean = bound(self.farthest.times(0.5));
         let Products { emission, dimmed } = self.products;
@@ -233,16 +266,16 @@ impl RayError {
             quadrature: self.quadrature + bound(self.march),
             pixel_area: mean.min(bound(self.uneven) + twice).min(most),
             storage: bound(self.storage),
-            termination: if rest > 0.0 { product(1.0 - opacity, rest.max(1.0)) } else { 0.0 },
-            rounding: (INTEGRATION + STORED) * light.max(opacity),
+            termination,
+            rounding: (INTEGRATION + STORED) * largest.max(opacity),
         }
     }
 
-    /// Solves E = J + min(t·brightest, (light + E)·k) for the largest error E.
-    pub(super) fn off_by(&self, sums: Sums, light: f64, brightest: f64) -> f64 {
+    /// Solves E = J + min(t·brightest, E·k + what is absorbed of `light`) for the largest error E.
+    pub(super) fn off_by(&self, sums: Sums, light: [f64; 3], brightest: f64) -> f64 {
         let by_brightest = sums.emission + product(sums.dimmed, brightest);
         let by_light = if sums.extinction < 1.0 {
-            (sums.emission + light * sums.extinction) / (1.0 - sums.extinction)
+            (sums.emission + sums.absorbed(light)) / (1.0 - sums.extinction)
         } else {
             f64::INFINITY
         };
@@ -256,7 +289,7 @@ mod tests {
 
     #[test]
     fn nothing_wrong_is_no_error() {
-        let shares = RayError::default().shares(0.0, 0.0, f64::INFINITY, 0.0);
+        let shares = RayError::default().shares([0.0; 3], 0.0, f64::INFINITY, 0.0);
         assert_eq!(shares.total(), 0.0);
     }
 
@@ -264,7 +297,7 @@ mod tests {
     fn a_thin_ray_is_off_by_what_its_emission_is() {
         let mut error = RayError::default();
         error.levels.add(Change { emission: 0.5, extinction: 0.0 }, 0.2, 0.2);
-        let shares = error.shares(3.0, 0.0, f64::INFINITY, 0.0);
+        let shares = error.shares([3.0; 3], 0.0, f64::INFINITY, 0.0);
         assert_eq!(shares.levels, 0.1);
         assert!(shares.total() < 0.1 + 1e-6);
     }
@@ -273,12 +306,12 @@ mod tests {
     fn light_from_behind_is_what_the_ray_gathered_or_the_brightest() {
         let mut error = RayError::default();
         error.levels.add(Change { emission: 0.0, extinction: 0.1 }, 1.0, 1.0);
-        let by_light = error.shares(2.0, 0.5, f64::INFINITY, 0.0).levels;
+        let by_light = error.shares([2.0; 3], 0.5, f64::INFINITY, 0.0).levels;
         assert!((by_light - 0.1 * (2.0 + 0.2 / 0.9)).abs() < 1e-12);
-        assert!((error.shares(2.0, 0.5, 1.5, 0.0).levels - 0.15).abs() < 1e-12);
+        assert!((error.shares([2.0; 3], 0.5, 1.5, 0.0).levels - 0.15).abs() < 1e-12);
         let mut opaque = RayError::default();
         opaque.levels.add(Change { emission: 0.0, extinction: 1e6 }, 1.0, 1e-6);
-        assert!((opaque.shares(1.0, 1.0, 1.0, 0.0).levels - 1.0).abs() < 1e-9);
-        assert_eq!(opaque.shares(1.0, 1.0, f64::INFINITY, 0.0).levels, f64::INFINITY);
+        assert!((opaque.shares([1.0; 3], 1.0, 1.0, 0.0).levels - 1.0).abs() < 1e-9);
+        assert_eq!(opaque.shares([1.0; 3], 1.0, f64::INFINITY, 0.0).levels, f64::INFINITY);
     }
 }

@@ -67,6 +67,7 @@ impl RayState {
     }
 
     /// The largest channel of the light gathered.
+    #[cfg(test)]
     pub(super) fn light(&self) -> f64 {
         self.radiance[0].max(self.radiance[1]).max(self.radiance[2])
     }

@@ -294,7 +294,7 @@ impl Tile {
             let [r, g, b] = state.radiance;
             let ending = &light.ending;
             let rest = if state.is_done(ending) { ending.brightest } else { 0.0 };
-            let shares = error.shares(state.light(), state.opacity(), ending.brightest, rest);
+            let shares = error.shares(state.radiance, state.opacity(), ending.brightest, rest);
             let value = [r, g, b, state.opacity()];
             Found { square: *square, value, shares, uneven: None }
         })
