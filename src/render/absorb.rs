@@ -155,12 +155,14 @@ impl<'a> Integrator<'a> {
         for index in first + 1..=last {
             let piece = self.pieces.piece(index);
             if !piece.step.is_nothing() {
-                let [stored, reach] = reach.near(piece.start);
-                let near = length * x.share_near(piece.start, reach);
+                let [stored, close] = reach.near(piece.start);
+                let near = length * x.share_near(piece.start, close);
                 let lit = near * self.state.transmittance;
                 let pair = [self.pieces.piece(index - 1), piece];
                 if !(monotone && is_clean([low, high], pair, most)) {
-                    self.tally.jumps.add(piece.step.jump, near, lit);
+                    let across = length * reach.share_across(x, piece.start);
+                    let across = (across, across * self.state.transmittance);
+                    self.tally.jumps.add(piece.step.jump, across.0, across.1);
                     self.tally.kinks.add(piece.step.kink, near, lit);
                     self.tally.stored.add(piece.step.kink.times(stored), near, lit);
                 }
@@ -258,7 +260,7 @@ impl<'a> Integrator<'a> {
         let pair = [pieces.piece(lower), pieces.piece(lower + 1)];
         let step = &pair[1].step;
         let is_alone = !step.is_nothing() && is_clean([x.at(0.0), x.at(1.0)], pair, reach.most());
-        let at = (step, pair[1].start, reach.near(pair[1].start));
+        let at = (step, pair[1].start, &reach);
         let both = [transmittance, self.state.transmittance];
         is_alone.then(|| Crossing::new(x, length, at, before, both))
     }

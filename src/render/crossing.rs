@@ -13,6 +13,7 @@
 use super::piece::{Piece, Step};
 use super::polynomial::Polynomial;
 use super::ray_error::Sums;
+use super::storage::Reach;
 
 /// Optical depth behind which nothing is seen.
 const OPAQUE: f64 = 40.0;
@@ -26,8 +27,10 @@ pub(super) struct Crossing<'p> {
     /// How far x may be off there by storage, and in all.
     stored: f64,
     reach: f64,
-    /// Code lengths within reach of the step.
+    /// Code lengths within reach of the step, and those of them in which truth and x may be on
+    /// different sides of it.
     near: f64,
+    across: f64,
     /// Transmittance at most within reach.
     transmittance: f64,
 }
@@ -46,14 +49,16 @@ impl<'p> Crossing<'p> {
     pub(super) fn new<const N: usize>(
         x: &Polynomial<N>,
         length: f64,
-        (step, place, [stored, reach]): (&'p Step, f64, [f64; 2]),
+        (step, place, reach): (&'p Step, f64, &Reach),
         before: &'p Piece,
         [from, to]: [f64; 2],
     ) -> Self {
+        let across = length * reach.share_across(x, place);
+        let [stored, reach] = reach.near(place);
         let near = length * x.share_near(place, reach);
         let extinction = before.extinction(place - reach).max(before.extinction(place + reach));
         let transmittance = from.min(to * (extinction * near).exp());
-        Self { step, before, place, stored, reach, near, transmittance }
+        Self { step, before, place, stored, reach, near, across, transmittance }
     }
 
     /// How far x may be off by storage where it is the step's place.
@@ -73,14 +78,13 @@ impl<'p> Crossing<'p> {
         brightest: f64,
     ) -> [Sums; 2] {
         let jump = self.step.jump;
-        let lit = self.near * self.transmittance;
-        let direct = Sums::of(jump, self.near, lit);
+        let direct = Sums::of(jump, self.across, self.across * self.transmittance);
         let brightest = brightest.max(1.0);
         let off = self.transmittance * self.off(x, length, [from, to], after, brightest);
         if off < direct.emission + direct.dimmed * brightest {
             [Sums { emission: off, ..Sums::default() }, Sums::default()]
         } else {
-            [direct, Sums::of(self.step.kink, self.near, lit)]
+            [direct, Sums::of(self.step.kink, self.near, self.near * self.transmittance)]
         }
     }
 
@@ -131,7 +135,8 @@ mod tests {
         let x = Polynomial([0.2, 0.5, 0.0, 0.0]);
         let (before, after) = (pieces.all.at(0.3), pieces.all.at(0.5));
         assert!(is_clean([0.2, 0.7], [before, after], reach));
-        let at = (&after.step, 0.4, [0.0, reach]);
+        let reach = Reach { others: reach, is_elsewhere: true, ..Reach::default() };
+        let at = (&after.step, 0.4, &reach);
         let crossing = Crossing::new(&x, 1.0, at, before, [1.0, 1.0]);
         crossing.sums(&x, 1.0, [0.4, 1.0], after, 1.0)[0]
     }

@@ -138,7 +138,11 @@ impl<'a> Ledger<'a> {
     /// How far from this ray's values steps of the transfer function are looked for.
     fn reach(&self) -> Reach {
         let levels = if self.hides { self.relief.levels_reach } else { 0.0 };
-        Reach { others: self.shift.most + levels, storage: self.group().storage }
+        Reach {
+            others: self.shift.most + levels,
+            storage: self.group().storage,
+            is_elsewhere: self.hides || self.is_spread(),
+        }
     }
 
     fn shift_of(&self, group: &Group) -> Shift {

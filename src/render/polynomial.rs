@@ -63,6 +63,21 @@ impl<const N: usize> Polynomial<N> {
         self.share_between([value - reach, value + reach], NEAR_HALVINGS)
     }
 
+    /// An upper bound of the share of [0, 1] in which another function lies on the other side of
+    /// `value`: one within `reach` of this one, that differs from it by something whose slope is
+    /// at most `drift`. Where this one is steeper than that it may be so before the place where
+    /// this one is `value`, or behind, not both.
+    pub(super) fn share_across(&self, value: f64, reach: f64, drift: f64) -> f64 {
+        let points = self.control_points();
+        let steeper = |rise: f64| rise * (N - 1) as f64 > drift;
+        let rising = points.windows(2).all(|pair| steeper(pair[1] - pair[0]));
+        if rising || points.windows(2).all(|pair| steeper(pair[0] - pair[1])) {
+            let below = self.share_between([value - reach, value], NEAR_HALVINGS);
+            return below.max(self.share_between([value, value + reach], NEAR_HALVINGS));
+        }
+        self.share_near(value, reach)
+    }
+
     fn share_between(&self, [low, high]: [f64; 2], halvings: u32) -> f64 {
         let points = self.control_points();
         let (least, most) = points
@@ -206,6 +221,30 @@ mod tests {
                 .sum();
             assert!((sum - P.at(s)).abs() < 1e-12, "{s}");
         }
+    }
+
+    #[test]
+    fn another_function_crosses_a_value_on_one_side() {
+        let x = Polynomial([0.2, 0.5, 0.1, -0.05]);
+        let (value, reach, drift) = (0.45, 0.03, 0.1);
+        let share = x.share_across(value, reach, drift);
+        let both = x.share_near(value, reach);
+        assert!(share > 0.5 * both && share < 0.55 * both, "{share} {both}");
+        const STEPS: u32 = 10_000;
+        for n in 0..=20 {
+            let start = reach * (f64::from(n) / 10.0 - 1.0);
+            for rise in [-drift, 0.0, drift] {
+                let other = |s: f64| x.at(s) + (start + rise * (s - 0.5)).clamp(-reach, reach);
+                let differs = |s: f64| (x.at(s) < value) != (other(s) < value);
+                let apart = (0..STEPS).filter(|n| differs(f64::from(*n) / f64::from(STEPS)));
+                let apart = apart.count() as f64 / f64::from(STEPS);
+                assert!(apart <= share + 1.0 / f64::from(STEPS), "{apart} {share}");
+            }
+        }
+        // Not as steep, or not monotone: on both sides.
+        assert_eq!(x.share_across(value, reach, 0.6), both);
+        let bent = Polynomial([0.4, 0.3, -0.3, 0.0]);
+        assert_eq!(bent.share_across(0.45, 0.01, 0.0), bent.share_near(0.45, 0.01));
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! How far values are from the source's, as they are stored, and how far they may be off in all.
 
+use super::polynomial::Polynomial;
 use crate::scene::Rounding;
 
 /// Rounding in f64 of values, and of means of them.
@@ -70,9 +71,26 @@ pub(super) struct Reach {
     /// By anything but storage.
     pub(super) others: f64,
     pub(super) storage: Storage,
+    /// Whether the truth lies in other cells: beneath, or along other rays.
+    pub(super) is_elsewhere: bool,
 }
 
+/// The most that x may be off more at one place of a stretch, within a dual cell, than at another
+/// as it is stored, per such stretch and per what that is at most. What is trilinear between
+/// numbers within ±1 has slopes of up to 2 along each axis; weights that blend two such beside a
+/// border have slopes of up to 2 along an axis, times a difference of up to 2, for each of a few
+/// levels.
+const DRIFT: f64 = 64.0;
+
 impl Reach {
+    /// The share of a stretch in which truth and `x` may be on different sides of `place`.
+    pub(super) fn share_across<const N: usize>(&self, x: &Polynomial<N>, place: f64) -> f64 {
+        let [stored, reach] = self.near(place);
+        // Of anything else it is not said how it changes along the way.
+        let drift = if self.is_elsewhere { f64::INFINITY } else { DRIFT * stored };
+        x.share_across(place, reach, drift)
+    }
+
     /// At most.
     #[inline]
     pub(super) fn most(&self) -> f64 {
@@ -104,6 +122,16 @@ mod tests {
             (Scale::Log10, [1e-2, 1e3]),
             (Scale::Symlog { linthresh: 2.0 }, [-5.0, 50.0]),
         ][number]
+    }
+
+    #[test]
+    fn steps_are_crossed_on_one_side_by_what_is_stored_alone() {
+        let storage = Storage::at_most(1e-4);
+        let x = Polynomial([0.0, 1.0]);
+        let own = Reach { others: 0.0, storage, is_elsewhere: false };
+        assert!((own.share_across(&x, 0.5) - 1e-4).abs() < 1e-8);
+        let elsewhere = Reach { is_elsewhere: true, ..own };
+        assert!((elsewhere.share_across(&x, 0.5) - 2e-4).abs() < 1e-8);
     }
 
     proptest! {
