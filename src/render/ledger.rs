@@ -169,23 +169,25 @@ impl<'a> Ledger<'a> {
             return;
         }
         let group = self.group();
+        let before = self.error.own_extinction();
         self.error.quadrature += tally.quadrature;
         let steepest = tally.slope.plus(tally.kinks);
-        self.error.storage = self.error.storage.plus(tally.stored.behind(gathered));
+        self.error.storage = self.error.storage.plus(tally.stored);
         if self.hides {
             let mut levels = Sums::of(group.levels, tally.length, tally.lit);
             if self.relief.levels_reach > 0.0 {
                 levels = levels.min(steepest.times(self.relief.levels_reach));
             }
-            self.error.levels = self.error.levels.plus(levels.behind(gathered));
+            self.error.levels = self.error.levels.plus(levels);
         }
         if self.is_spread() {
             self.add_spread(&tally, group.border());
         } else {
             // Steps within reach of what is beneath, or of what is not stored exactly.
             let cause = if self.hides { &mut self.error.levels } else { &mut self.error.storage };
-            *cause = cause.plus(tally.jumps.behind(gathered));
+            *cause = cause.plus(tally.jumps);
         }
+        self.error.place_behind(gathered, before);
     }
 
     fn add_spread(&mut self, tally: &Tally, border: Change) {

@@ -167,7 +167,7 @@ impl<'s> Stage<'s> {
         let (centre, brightest) = (channels(&state), self.brightest);
         let (light, opacity) = (state.radiance, state.opacity());
         // Of light, and of opacity, whose own light is never brighter than 1.
-        let farthest = error.off_by(error.farthest, light, brightest).max(error.farthest.dimmed);
+        let farthest = error.off_by(light, brightest).max(error.farthest.dimmed);
         let shares = error.shares(light, opacity, brightest, 0.0);
         let apart = |(n, value): (usize, &f64)| (value - centre[n % 4]).abs();
         let worst = others.iter().enumerate().map(apart).fold(0.0, f64::max);

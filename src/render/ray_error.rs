@@ -57,23 +57,9 @@ pub(super) struct Sums {
     pub(super) dimmed: f64,
     /// ∫ |Δκ| ds.
     pub(super) extinction: f64,
-    /// ∫ |Δκ|·(what the ray has gathered before s: R, G, B) ds, or less.
-    pub(super) passed: [f64; 3],
 }
 
 impl Sums {
-    pub(super) fn new(emission: f64, dimmed: f64, extinction: f64) -> Self {
-        Self { emission, dimmed, extinction, passed: [0.0; 3] }
-    }
-
-    /// The same, of places behind which the ray had gathered so much `light`.
-    #[inline]
-    pub(super) fn behind(self, light: [f64; 3]) -> Self {
-        let is_finite = self.extinction.is_finite();
-        let passed = light.map(|light| if is_finite { self.extinction * light } else { 0.0 });
-        Self { passed, ..self }
-    }
-
     /// Adds a stretch of `length` along which ∫ T̃ ds is at most `lit`.
     #[inline]
     pub(super) fn add(&mut self, change: Change, length: f64, lit: f64) {
@@ -94,17 +80,14 @@ impl Sums {
             emission: self.emission + other.emission,
             dimmed: self.dimmed + other.dimmed,
             extinction: self.extinction + other.extinction,
-            passed: std::array::from_fn(|c| self.passed[c] + other.passed[c]),
         }
     }
 
     pub(super) fn min(self, other: Self) -> Self {
-        let [less, _] =
-            if self.extinction < other.extinction { [self, other] } else { [other, self] };
         Self {
             emission: self.emission.min(other.emission),
             dimmed: self.dimmed.min(other.dimmed),
-            ..less
+            extinction: self.extinction.min(other.extinction),
         }
     }
 
@@ -113,21 +96,13 @@ impl Sums {
             emission: self.emission * factor,
             dimmed: self.dimmed * factor,
             extinction: self.extinction * factor,
-            passed: self.passed.map(|passed| passed * factor),
         }
     }
 
-    /// ∫ |Δκ|·T̃·L ds, of any channel, where all light that is gathered from s on is at most `light`
-    /// less what was before.
-    fn absorbed(self, light: [f64; 3]) -> f64 {
-        let channel = |c: usize| (product(self.extinction, light[c]) - self.passed[c]).max(0.0);
-        channel(0).max(channel(1)).max(channel(2))
-    }
-
-    /// ∫ T̃·(|Δj| + |Δκ|·L) ds where L is at most `brightest`, and T̃·L what [`Self::absorbed`] takes
-    /// it to be; and of 1 − T: the larger of both.
-    fn bound(self, light: [f64; 3], brightest: f64) -> f64 {
-        let absorbed = product(self.dimmed, brightest).min(self.absorbed(light));
+    /// ∫ T̃·(|Δj| + |Δκ|·L) ds where L is at most `brightest`, and the light in ∫ |Δκ|·T̃·L ds what
+    /// `absorbed` makes of ∫ |Δκ| ds; and of 1 − T: the larger of both.
+    fn bound(self, absorbed: impl Fn(f64) -> f64, brightest: f64) -> f64 {
+        let absorbed = product(self.dimmed, brightest).min(absorbed(self.extinction));
         (self.emission + absorbed).max(self.dimmed)
     }
 }
@@ -153,6 +128,9 @@ pub(super) struct RayError {
     pub(super) uneven: Sums,
     /// ∫ T̃·|Δj| ds by simpler formulas than the transfer function's.
     pub(super) quadrature: f64,
+    /// ∫ |Δκ|·(what the ray has gathered before s: R, G, B) ds, or less, over all but what a square
+    /// makes.
+    passed: [f64; 3],
     /// Changes of extinction times those of light from behind them, as [`Products`] has them.
     pub(super) products: Products,
 }
@@ -219,6 +197,22 @@ impl RayError {
         self.levels.plus(self.storage).plus(self.march)
     }
 
+    /// What was added since the account was as `before`, of what the ray itself is off by, lies behind
+    /// places where it had gathered so much `light`.
+    #[inline]
+    pub(super) fn place_behind(&mut self, light: [f64; 3], before: f64) {
+        let added = self.own_extinction() - before;
+        if added.is_finite() {
+            self.passed.iter_mut().zip(light).for_each(|(passed, light)| *passed += added * light);
+        }
+    }
+
+    /// ∫ |Δκ| ds of all but what a square makes.
+    #[inline]
+    pub(super) fn own_extinction(&self) -> f64 {
+        self.levels.extinction + self.storage.extinction + self.march.extinction
+    }
+
     /// All that may differ between the ray and any other of its square.
     fn all(&self) -> Sums {
         self.of_itself().plus(self.farthest)
@@ -251,31 +245,48 @@ impl RayError {
         let largest = light.into_iter().fold(0.0, f64::max);
         let termination = if rest > 0.0 { product(1.0 - opacity, rest.max(1.0)) } else { 0.0 };
         let gathered = light.map(|light| light * (1.0 + GATHERED) + termination);
-        let farthest = self.off_by(beside.plus(self.farthest), gathered, brightest);
+        let farthest = self.off_by(gathered, brightest);
         let gathered = gathered.map(|light| light + farthest);
+        let most_gathered = gathered.into_iter().fold(0.0, f64::max);
         // No light is brighter than the brightest, and no opacity above 1.
         let most = brightest.max(largest).max(1.0);
-        let bound = |sums: Sums| sums.bound(gathered, brightest).min(most);
+        let bound = |sums: Sums| {
+            sums.bound(|extinction| product(extinction, most_gathered), brightest).min(most)
+        };
+        let own = beside.bound(|extinction| self.absorbed(extinction, gathered), brightest);
+        // Together they make no more than all at once.
+        let [levels, storage, march] = [self.levels, self.storage, self.march].map(bound);
+        let apart = levels + storage + march;
+        let share = if own < apart { own / apart } else { 1.0 };
         // Offsets within a square are on average half the largest.
         let mean = bound(self.farthest.times(0.5));
         let Products { emission, dimmed } = self.products;
         let twice = (self.all().extinction * (bound(beside) + mean))
             .min((emission + product(dimmed, brightest)).max(dimmed));
         ErrorShares {
-            levels: bound(self.levels),
-            quadrature: self.quadrature + bound(self.march),
+            levels: share * levels,
+            quadrature: self.quadrature + share * march,
             pixel_area: mean.min(bound(self.uneven) + twice).min(most),
-            storage: bound(self.storage),
+            storage: share * storage,
             termination,
             rounding: (INTEGRATION + STORED) * largest.max(opacity),
         }
     }
 
-    /// Solves E = J + min(t·brightest, E·k + what is absorbed of `light`) for the largest error E.
-    pub(super) fn off_by(&self, sums: Sums, light: [f64; 3], brightest: f64) -> f64 {
+    /// ∫ |Δκ|·T̃·L ds, of any channel, where all light that is gathered from s on is at most `light`
+    /// less what was before.
+    fn absorbed(&self, extinction: f64, light: [f64; 3]) -> f64 {
+        let channel = |c: usize| (product(extinction, light[c]) - self.passed[c]).max(0.0);
+        channel(0).max(channel(1)).max(channel(2))
+    }
+
+    /// Solves E = J + min(t·brightest, E·k + what is absorbed of `light`) for the largest error E of
+    /// any ray of the square.
+    pub(super) fn off_by(&self, light: [f64; 3], brightest: f64) -> f64 {
+        let sums = self.all();
         let by_brightest = sums.emission + product(sums.dimmed, brightest);
         let by_light = if sums.extinction < 1.0 {
-            (sums.emission + sums.absorbed(light)) / (1.0 - sums.extinction)
+            (sums.emission + self.absorbed(sums.extinction, light)) / (1.0 - sums.extinction)
         } else {
             f64::INFINITY
         };
@@ -300,6 +311,26 @@ mod tests {
         let shares = error.shares([3.0; 3], 0.0, f64::INFINITY, 0.0);
         assert_eq!(shares.levels, 0.1);
         assert!(shares.total() < 0.1 + 1e-6);
+    }
+
+    #[test]
+    fn what_was_gathered_before_is_not_dimmed() {
+        let near = Change { emission: 0.0, extinction: 0.1 };
+        let mut error = RayError::default();
+        error.storage.add(near, 1.0, 1.0);
+        error.place_behind([3.0, 1.0, 0.0], 0.0);
+        // The channel of which most is still to come; and what that may be off by itself.
+        let found = error.shares([4.0, 4.0, 1.0], 0.5, f64::INFINITY, 0.0).storage;
+        let off = (4.0 * (1.0 + GATHERED) - 1.0) * 0.1 / 0.9;
+        assert!((found - off).abs() < 1e-9, "{found}");
+        // Added by parts.
+        let before = error.own_extinction();
+        error.levels.add(near, 1.0, 1.0);
+        error.place_behind([4.0, 4.0, 1.0], before);
+        let both = error.shares([4.0, 4.0, 1.0], 0.5, f64::INFINITY, 0.0);
+        let off = (8.0 * (1.0 + GATHERED) - 5.0) * 0.1 / 0.8;
+        assert!((both.levels + both.storage - off).abs() < 1e-9, "{both:?}");
+        assert_eq!(both.levels, both.storage);
     }
 
     #[test]

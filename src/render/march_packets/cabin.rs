@@ -157,23 +157,23 @@ impl Cabin {
         let sum = |row: &Row| f64::from(row.0[lane]);
         if rider.has_account {
             let error = &mut film.errors[rider.index];
-            let sums = |[emission, dimmed, extinction]: [f64; 3]| {
-                Sums::new(
-                    emission * seen * table.emission * ROUNDED_UP,
-                    dimmed * seen * table.extinction * ROUNDED_UP,
-                    extinction * length * table.extinction * ROUNDED_UP,
-                )
+            let before = error.own_extinction();
+            let sums = |[emission, dimmed, extinction]: [f64; 3]| Sums {
+                emission: emission * seen * table.emission * ROUNDED_UP,
+                dimmed: dimmed * seen * table.extinction * ROUNDED_UP,
+                extinction: extinction * length * table.extinction * ROUNDED_UP,
             };
-            let own = |rows: &[Row; 3]| sums(rows.each_ref().map(sum)).behind(state.radiance);
-            error.march = error.march.plus(own(&packet.off));
+            let march = sums(packet.off.each_ref().map(sum));
+            error.march = error.march.plus(march);
             if place.passage.hides {
-                error.levels = error.levels.plus(own(&packet.levels));
+                error.levels = error.levels.plus(sums(packet.levels.each_ref().map(sum)));
             }
             if place.has_squares {
                 error.farthest = error.farthest.plus(sums(packet.farthest.each_ref().map(sum)));
                 error.uneven = error.uneven.plus(sums(packet.uneven.each_ref().map(sum)));
             }
-            error.storage = error.storage.plus(own(&packet.stored));
+            error.storage = error.storage.plus(sums(packet.stored.each_ref().map(sum)));
+            error.place_behind(state.radiance, before);
         }
         let light = packet.light.each_ref().map(|row| sum(row) * seen * table.emission);
         state.gather(light);
