@@ -196,3 +196,29 @@ impl BrickPlace {
         self.coordinates.map(|c| c * i128::from(shape.edge))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_outside_have_a_nearest_one_inside() {
+        const SIDE: usize = 4;
+        // Inside are x from 1 on, and z up to 2.
+        let place = |at: usize| [at % SIDE, at / SIDE % SIDE, at / SIDE / SIDE];
+        let is_inside = |[x, _, z]: [usize; 3]| x >= 1 && z <= 2;
+        let states: Vec<u8> = (0..SIDE.pow(3))
+            .map(|at| if is_inside(place(at)) { state::EXISTS } else { state::OUTSIDE })
+            .collect();
+        let mut visited = 0;
+        visit_outside(SIDE, &states, |at, nearest| {
+            let [x, y, z] = place(at);
+            assert!(!is_inside([x, y, z]));
+            assert_eq!(place(nearest), [x.max(1), y, z.min(2)]);
+            visited += 1;
+        });
+        assert_eq!(visited, states.iter().filter(|bits| **bits == state::OUTSIDE).count());
+        visit_outside(SIDE, &[state::OUTSIDE; SIDE.pow(3)], |_, _| unreachable!());
+        visit_outside(SIDE, &[0; SIDE.pow(3)], |_, _| unreachable!());
+    }
+}

@@ -89,3 +89,60 @@ fn take(own: &mut Block, block: &Block) {
 fn is_complete(block: &Block) -> bool {
     block.states.iter().fold(state::EXISTS, |all, bits| all & bits) != 0
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EDGE: usize = 8;
+
+    /// A block of `cells` cells along an edge and ghosts, of which those below 0 along x and y lie
+    /// outside the domain; cells measure `width`.
+    fn block(cells: usize, width: f64) -> Block {
+        let side = cells + 2;
+        let mut block = Block { side, ..Block::default() };
+        for at in 0..side.pow(3) {
+            let cell = [at % side, at / side % side, at / side / side];
+            let is_outside = cell[0] == 0 || cell[1] == 0;
+            let [x, y, z] = cell.map(|c| (c as f64 - 0.5) * width);
+            let value = (0.3 * x).sin() + (0.2 * y).cos() + 0.01 * z * x;
+            block.values.push(if is_outside { 0.0 } else { value as f32 });
+            block.states.push(if is_outside { state::OUTSIDE } else { state::EXISTS });
+        }
+        block
+    }
+
+    /// The interpolant at `place`, in widths of the finer cells from the domain's corner.
+    fn value(block: &Block, width: f64, place: [f64; 3]) -> f64 {
+        let at = place.map(|c| c / width + 0.5);
+        let first = at.map(f64::floor);
+        (0..8_usize).fold(0.0, |sum, corner| {
+            let mut weight = 1.0;
+            let cell: [usize; 3] = std::array::from_fn(|a| {
+                let up = (corner >> a & 1) as f64;
+                let part = at[a] - first[a];
+                weight *= if up > 0.0 { part } else { 1.0 - part };
+                let least = if a < 2 { 1.0 } else { 0.0 };
+                (first[a] + up).clamp(least, (block.side - 1) as f64) as usize
+            });
+            sum + weight * f64::from(block.values[block.at(cell[0], cell[1], cell[2])])
+        })
+    }
+
+    #[test]
+    fn beside_the_domains_faces_the_difference_is_evaluated() {
+        let raw = RawBrick { blocks: vec![block(EDGE, 1.0), block(EDGE / 2, 2.0)] };
+        let mut residual = Residual::default();
+        let shape = BrickShape::new(EDGE as u32).unwrap();
+        assert!(residual.look_at(shape, &raw, false));
+        let bound = residual.bound(Scale::Linear { factor: 1.0 });
+        let mut most = 0.0_f64;
+        for at in 0..(2 * EDGE + 1).pow(3) {
+            let along = |n: usize| (at / n % (2 * EDGE + 1)) as f64 * 0.5;
+            let place = [along(1), along(2 * EDGE + 1), along((2 * EDGE + 1).pow(2))];
+            let [own, above] = [(0, 1.0), (1, 2.0)].map(|(n, w)| value(&raw.blocks[n], w, place));
+            most = most.max((own - above).abs());
+        }
+        assert!((bound - most).abs() < 1e-12 && most > 0.1, "{bound} {most}");
+    }
+}

@@ -338,7 +338,8 @@ mod tests {
         let mut error = RayError::default();
         error.levels.add(Change { emission: 0.0, extinction: 0.1 }, 1.0, 1.0);
         let by_light = error.shares([2.0; 3], 0.5, f64::INFINITY, 0.0).levels;
-        assert!((by_light - 0.1 * (2.0 + 0.2 / 0.9)).abs() < 1e-12);
+        let gathered = 2.0 * (1.0 + GATHERED);
+        assert!((by_light - 0.1 * gathered / 0.9).abs() < 1e-12);
         assert!((error.shares([2.0; 3], 0.5, 1.5, 0.0).levels - 0.15).abs() < 1e-12);
         let mut opaque = RayError::default();
         opaque.levels.add(Change { emission: 0.0, extinction: 1e6 }, 1.0, 1e-6);
