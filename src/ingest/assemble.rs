@@ -3,7 +3,7 @@
 use super::cells::SourceCells;
 use super::packed::pack;
 use super::tally::{
-    Tally, exponent, largest_error, magnitudes, round_mantissa, sum, times_power_of_two,
+    Tally, exponent, largest_errors, magnitudes, round_mantissa, sum, times_power_of_two,
 };
 use super::upward::{Averages, Upward, average};
 use crate::cache::{BrickShape, state};
@@ -312,15 +312,7 @@ impl Draft {
         }
         let stored = kept(&self.states, values.iter().map(|&value| f64::from(value)));
         tally.stored_sum.add(times_power_of_two(sum(&stored).value(), power));
-        let [leaves, averages] = [state::EXISTS, state::EXISTS | state::REFINED].map(|kind| {
-            let cells = self.values.iter().zip(&values).zip(&self.states);
-            let pair = |(&value, &stored): (&f64, &f32)| match power {
-                0 => [value, f64::from(stored)],
-                _ => [times_power_of_two(value, -power), f64::from(stored)],
-            };
-            let of_kind = cells.filter(|(_, bits)| **bits == kind);
-            largest_error(of_kind.map(|(cell, _)| pair(cell)))
-        });
+        let [leaves, averages] = largest_errors(&self.states, &self.values, &values, power);
         tally.leaf_error = tally.leaf_error.max(leaves);
         tally.relative_error = tally.relative_error.max(leaves).max(averages);
         FieldCells { exponent: power, states: self.states, values }

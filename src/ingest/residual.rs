@@ -40,11 +40,12 @@ impl Residual {
         self.borders.clear();
         self.lattice.begin(edge);
         self.pair.iter_mut().zip(&raw.blocks).for_each(|(own, block)| take(own, block));
-        if self.pair.iter().chain(&raw.blocks[..1]).all(is_complete) {
-            (0..edge * edge).for_each(|_| self.lattice.push(u32::MAX));
+        let rows = (0..edge * edge).map(|at| [at % edge, at / edge]);
+        if self.pair.iter().all(is_complete) {
+            rows.for_each(|row| self.lattice.push(Borders::existing(raw, row)));
         } else {
             self.borders.look_at(&self.pair);
-            for row in (0..edge * edge).map(|at| [at % edge, at / edge]) {
+            for row in rows {
                 let existing = Borders::existing(raw, row);
                 let inside = self.borders.inside(raw, row) & existing;
                 self.lattice.push(inside);

@@ -1,5 +1,6 @@
 //! Extrema and sums over leaf cells.
 
+use crate::cache::state;
 use crate::sum::Sum;
 
 /// Values that are counted side by side.
@@ -38,16 +39,45 @@ pub(super) fn magnitudes(values: &[f64]) -> (f64, f64) {
     (largest.into_iter().fold(0.0, f64::max), smallest.into_iter().fold(f64::INFINITY, f64::min))
 }
 
-/// The largest relative error of stored values, [source's, stored] each. What f32 cannot hold but
-/// as a number below its normal range does not count: next to what it can it is nothing.
-pub(super) fn largest_error(pairs: impl Iterator<Item = [f64; 2]>) -> f64 {
-    // Compared with what was found before, which is faster than to divide.
-    pairs.fold(0.0, |largest, [value, stored]| {
-        let (off, size) = ((stored - value).abs(), value.abs());
-        let counts = stored.abs() >= f64::from(f32::MIN_POSITIVE);
-        if counts && off > largest * size { off / size } else { largest }
-    })
+/// The largest relative errors of `stored` values against 2^-`power` times the source's: of leaf
+/// cells, and of averages. What f32 cannot hold but as a number below its normal range does not
+/// count: next to what it can it is nothing.
+pub(super) fn largest_errors(
+    states: &[u8],
+    values: &[f64],
+    stored: &[f32],
+    power: i32,
+) -> [f64; 2] {
+    let mut largest = [[0.0; 2]; LANES];
+    let mut count = |n: usize, bits: u8, value: f64, stored: f32| {
+        let stored = f64::from(stored);
+        let error = ((stored - value) / value).abs();
+        let is_normal = stored.abs() >= f64::from(f32::MIN_POSITIVE);
+        for (kind, largest) in KINDS.into_iter().zip(&mut largest[n]) {
+            let counts = is_normal & (bits == kind) & (error > *largest);
+            *largest = if counts { error } else { *largest };
+        }
+    };
+    if power == 0 {
+        let (values, rest) = values.as_chunks::<LANES>();
+        let cells = values.iter().zip(stored.as_chunks::<LANES>().0);
+        for ((values, stored), bits) in cells.zip(states.as_chunks::<LANES>().0) {
+            (0..LANES).for_each(|n| count(n, bits[n], values[n], stored[n]));
+        }
+        let done = LANES * values.len();
+        let rest = rest.iter().zip(&stored[done..]).zip(&states[done..]);
+        rest.for_each(|((&value, &stored), &bits)| count(0, bits, value, stored));
+    } else {
+        for ((&value, &stored), &bits) in values.iter().zip(stored).zip(states) {
+            count(0, bits, times_power_of_two(value, -power), stored);
+        }
+    }
+    let most = |kind: usize| largest.iter().fold(0.0, |most, lane| lane[kind].max(most));
+    [most(0), most(1)]
 }
+
+/// States of leaf cells, and of those that hold averages.
+const KINDS: [u8; 2] = [state::EXISTS, state::EXISTS | state::REFINED];
 
 /// What [`Tally`] knows of extrema.
 #[derive(Debug, Clone, Copy)]
@@ -213,11 +243,23 @@ mod tests {
 
     #[test]
     fn the_largest_relative_error_is_found() {
-        let pair = |value: f64| [value, f64::from(value as f32)];
-        assert_eq!(largest_error([0.0, 1.5, -3.0, 1e-300, f64::NAN].map(pair).into_iter()), 0.0);
-        let largest = largest_error((1..10_000).map(|n| pair(f64::from(n).sqrt())));
-        assert!(largest > 5.5e-8 && largest < (-24_f64).exp2(), "{largest:e}");
-        assert_eq!(largest_error([[2.0, 2.0], [-4.0, -3.0], [8.0, 7.0]].into_iter()), 0.25);
+        let alike = |bits: u8, values: &[f64], power: i32| {
+            let scaled = values.iter().map(|&value| times_power_of_two(value, -power) as f32);
+            let stored: Vec<f32> = scaled.collect();
+            largest_errors(&vec![bits; values.len()], values, &stored, power)
+        };
+        let [leaf, average] = KINDS;
+        let exact = [0.0, 1.5, -3.0, 1e-300, f64::NAN, 7.0];
+        let roots: Vec<f64> = (1..10_001).map(|n| f64::from(n).sqrt()).collect();
+        for power in [0, 30] {
+            assert_eq!(alike(leaf, &exact, power), [0.0; 2]);
+            let [leaves, averages] = alike(leaf, &roots, power);
+            assert!(leaves > 5.5e-8 && leaves < (-24_f64).exp2(), "{leaves:e}");
+            assert_eq!((averages, alike(average, &roots, power)), (0.0, [0.0, leaves]));
+        }
+        let states = [leaf, average, leaf, state::EXISTS | state::VOID, 0, leaf];
+        let (values, stored) = ([2.0, -4.0, 8.0, 1.0, 1.0, 5.0], [2.0, -3.0, 7.0, 9.0, 9.0, 6.0]);
+        assert_eq!(largest_errors(&states, &values, &stored, 0), [0.2, 0.25]);
     }
 
     #[test]
