@@ -135,8 +135,9 @@ impl Grades {
         self.rates.extend((0..count).map(|n| grader.grade(relief.group(n))));
         self.fit = self.rates.iter().filter(|rate| **rate != UNFIT).count();
         self.stored.clear();
-        self.stored.extend((0..count).map(|n| stored(relief.group(n), &transfer.table)));
         let Storage { most, slope, .. } = relief.whole.storage;
+        let row_of = |n: usize| stored(relief.group(n), slope, &transfer.table);
+        self.stored.extend((0..count).map(row_of));
         self.storage = [most, slope].map(|value| (value as f32).next_up());
         self.fill_levels((relief, hides), transfer);
         self.reliefs.clear();
@@ -233,13 +234,15 @@ impl Grader<'_> {
     }
 }
 
-/// As [`super::packet::Ground::stored`] has it.
-fn stored(group: &Group, table: &TransferTable) -> [f32; 4] {
-    let Storage { most, base, .. } = group.storage;
+/// As [`super::packet::Ground::stored`] has it, where what values make of x grows by so much a unit
+/// of it in all groups.
+fn stored(group: &Group, slope: f64, table: &TransferTable) -> [f32; 4] {
+    let most = group.storage.most;
     let [emission, extinction] = relative(group.span.slope.times(most), table);
-    let up = |x: f64| (x.min(MOST_STORED) as f32).next_up();
+    let base = group.storage.base_for(slope, group.low);
     // Adding the slope's share to it rounds.
-    [up(emission), up(extinction), up(most), up(base + BASE_ROUNDING * base.abs())]
+    let base = base + BASE_ROUNDING * base.abs();
+    [emission, extinction, most, base].map(|x| (x.min(MOST_STORED) as f32).next_up())
 }
 
 /// Rounding of a sum in f32, relative to one of the two.

@@ -15,7 +15,6 @@ const AS_GOOD_AS_ZERO: f64 = 1e-12;
 pub(super) struct Storage {
     pub(super) most: f64,
     pub(super) base: f64,
-    /// The same for all bricks of a picture.
     pub(super) slope: f64,
 }
 
@@ -55,11 +54,17 @@ impl Storage {
         (self.base + self.slope * x).min(self.most).max(0.0)
     }
 
-    /// What holds for both.
+    /// The base of a line of another slope, no less steep, that bounds it from x = `low` on.
+    pub(super) fn base_for(&self, slope: f64, low: f64) -> f64 {
+        self.base + (self.slope - slope) * low
+    }
+
+    /// What holds for both, and the steeper slope.
     pub(super) fn max(self, other: Self) -> Self {
+        let is_one = self.slope == other.slope;
         Self {
             most: self.most.max(other.most),
-            base: self.base.max(other.base),
+            base: if is_one { self.base.max(other.base) } else { f64::INFINITY },
             slope: self.slope.max(other.slope),
         }
     }
@@ -122,6 +127,23 @@ mod tests {
             (Scale::Log10, [1e-2, 1e3]),
             (Scale::Symlog { linthresh: 2.0 }, [-5.0, 50.0]),
         ][number]
+    }
+
+    #[test]
+    fn lines_of_several_slopes_are_joined() {
+        let flat = Storage { most: 4.0, base: 0.5, slope: 0.0 };
+        let steep = Storage { most: 3.0, base: 1.0, slope: 0.25 };
+        let both = flat.max(steep);
+        let (low, count) = (-3.0, 100);
+        for n in 0..=count {
+            let x = low + 10.0 * f64::from(n) / f64::from(count);
+            assert!(both.up_to(x) >= flat.up_to(x).max(steep.up_to(x)), "{x}");
+            for own in [flat, steep] {
+                let line = own.base_for(both.slope, low) + both.slope * x;
+                assert!(line >= 0.0 && line.min(own.most) >= own.up_to(x), "{x}");
+            }
+        }
+        assert_eq!(steep.max(Storage { base: 2.0, ..steep }), Storage { base: 2.0, ..steep });
     }
 
     #[test]

@@ -240,6 +240,7 @@ impl<L: Lanes> Gain<L> {
             gain.off[0] = l.fma(found.emission, lit, gain.off[0]);
             let high = l.add(found.seen.middle, found.seen.half);
             let off = l.min(stored[2], l.fma(l.splat(ground.storage[1]), high, stored[3]));
+            let off = l.max(off, zero);
             let [slope, fade] = [l.mul(found.steepest[0], off), l.mul(found.steepest[1], off)];
             gain.steep.slopes[0] = l.fma(slope, lit, gain.steep.slopes[0]);
             if ABSORBS {
