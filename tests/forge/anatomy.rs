@@ -94,7 +94,7 @@ const LEVEL: [(&str, Kind); 7] = [
     ("level leaf cells", Kind::U64),
 ];
 
-const CACHED_FIELD: [(&str, Kind); 12] = [
+const CACHED_FIELD: [(&str, Kind); 13] = [
     ("field to cgs", Kind::F64),
     ("field exponent", Kind::I32),
     ("field min", Kind::F64),
@@ -107,6 +107,7 @@ const CACHED_FIELD: [(&str, Kind); 12] = [
     ("field dropped volume", Kind::F64),
     ("field dropped sum", Kind::F64),
     ("field relative error", Kind::F64),
+    ("field leaf error", Kind::F64),
 ];
 
 const NODE_RECORD: [(&str, Kind); 10] = [
