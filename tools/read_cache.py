@@ -66,8 +66,9 @@ def read_field(body):
     field = {"name": body.text(), "units": body.text() or None, "to_cgs": body.optional()}
     field |= {"exponent": body.take("i"), "min": body.take("d"), "max": body.take("d")}
     field |= {"smallest_positive": body.optional()}
-    names = "sum sum_as_stored nan_cells dropped_cells dropped_volume dropped_sum relative_error leaf_error"
-    return field | dict(zip(names.split(), body.take("ddQQddd")))
+    names = "sum sum_as_stored nan_cells dropped_cells dropped_volume dropped_sum"
+    names += " relative_error leaf_error"
+    return field | dict(zip(names.split(), body.take("ddQQdddd")))
 
 
 def read_records(data, header):

@@ -24,7 +24,6 @@ use super::packet::{DEEPEST, UNFIT};
 use super::ray_error::Change;
 use super::relief::{Group, Relief};
 use super::span::Smoothness;
-use super::storage::Storage;
 use super::transfer_pieces::TransferPieces;
 use super::transfer_table::{TransferTable, two_halves};
 
@@ -135,7 +134,7 @@ impl Grades {
         self.rates.extend((0..count).map(|n| grader.grade(relief.group(n))));
         self.fit = self.rates.iter().filter(|rate| **rate != UNFIT).count();
         self.stored.clear();
-        let Storage { most, slope, .. } = relief.whole.storage;
+        let (most, slope) = (relief.whole.storage.most(), relief.whole.storage.slope());
         let row_of = |n: usize| stored(relief.group(n), slope, &transfer.table);
         self.stored.extend((0..count).map(row_of));
         self.storage = [most, slope].map(|value| (value as f32).next_up());
@@ -191,7 +190,7 @@ struct Grader<'g> {
 impl Grader<'_> {
     /// What the transfer function does over a group, if that is smooth and without void.
     fn smoothness_of(&self, group: &Group) -> Option<Smoothness> {
-        let reach = self.reach + group.storage.most;
+        let reach = self.reach + group.storage.most();
         let close = &self.transfer.close.merged;
         let is_full = group.low <= group.high && !group.has_void;
         let smoothness = is_full.then(|| close.smoothness(group.low - reach, group.high + reach));
@@ -237,7 +236,7 @@ impl Grader<'_> {
 /// As [`super::packet::Ground::stored`] has it, where what values make of x grows by so much a unit
 /// of it in all groups.
 fn stored(group: &Group, slope: f64, table: &TransferTable) -> [f32; 4] {
-    let most = group.storage.most;
+    let most = group.storage.most();
     let [emission, extinction] = relative(group.span.slope.times(most), table);
     let base = group.storage.base_for(slope, group.low);
     // Adding the slope's share to it rounds.

@@ -11,8 +11,8 @@ pub struct RayState {
     /// The share of light from behind that still reaches the eye.
     pub transmittance: f64,
     /// Depths (code length along the view from the eye) from which on the transmittance is below
-    /// ¼, ¹⁄₁₆, …: what is known of the way behind when bricks beside it are met later.
-    marks: [f64; MARKS],
+    /// ¼, ¹⁄₁₆, …, rounded up: what is known of the way behind when bricks beside it are met later.
+    marks: [f32; MARKS],
     /// What rounding has added to each sum, to be taken off with the next (Kahan, *CACM* 8,
     /// 1965): thin steps neither drift nor vanish beside 1.
     pub(super) radiance_excess: [f64; 3],
@@ -27,7 +27,7 @@ impl Default for RayState {
         Self {
             radiance: [0.0; 3],
             transmittance: 1.0,
-            marks: [f64::INFINITY; MARKS],
+            marks: [f32::INFINITY; MARKS],
             radiance_excess: [0.0; 3],
             transmittance_excess: 0.0,
         }
@@ -55,14 +55,14 @@ impl RayState {
             if self.transmittance >= threshold {
                 return;
             }
-            *mark = mark.min(depth);
+            *mark = mark.min((depth as f32).next_up());
             threshold *= MARK_FACTOR;
         }
     }
 
     /// An upper bound of the transmittance at `depth` and beyond.
     pub(super) fn transmittance_at(&self, depth: f64) -> f64 {
-        let passed = self.marks.iter().take_while(|mark| **mark <= depth).count();
+        let passed = self.marks.iter().take_while(|mark| f64::from(**mark) <= depth).count();
         MARK_FACTOR.powi(i32::try_from(passed).unwrap_or(0))
     }
 

@@ -147,7 +147,7 @@ impl Relief {
         for (n, (group, off)) in self.groups.iter_mut().zip(off).enumerate() {
             let most = |number: fn(&Group) -> f64| finer.most_beneath((n, self.side), number);
             group.thinned = off + most(|group| group.thinned);
-            group.storage = Storage::at_most(most(|group| group.storage.most));
+            group.storage = Storage::at_most(most(|group| group.storage.most()));
             group.low -= group.thinned;
             group.high += group.thinned;
             group.span = pieces.over(group.low, group.high);

@@ -13,9 +13,14 @@ const AS_GOOD_AS_ZERO: f64 = 1e-12;
 /// with a relative error, a mean of them is off by no more of its own.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Storage {
-    pub(super) most: f64,
-    pub(super) base: f64,
-    pub(super) slope: f64,
+    // Rounded up to f32: bricks have many of these.
+    most: f32,
+    base: f32,
+    slope: f32,
+}
+
+fn up(x: f64) -> f32 {
+    if x == 0.0 { 0.0 } else { (x as f32).next_up() }
 }
 
 impl Storage {
@@ -32,31 +37,41 @@ impl Storage {
         let rounded = ROUNDING * low.abs().max(high.abs());
         let most = rounding.between(lowest, highest) + rounded;
         let Some([zero, slope]) = rounding.line() else {
-            return Self { most, base: f64::INFINITY, slope: 0.0 };
+            return Self::at_most(most);
         };
         let below = AS_GOOD_AS_ZERO * zero.abs();
+        // What the slope is rounded up by counts from x = `low` on.
+        let steeper = f64::from(up(slope)) - slope;
         let base = if lowest >= zero - below {
-            slope * (beneath.min(highest - low) + 2.0 * below - zero) + rounded
+            slope * (beneath.min(highest - low) + 2.0 * below - zero) + rounded - steeper * low
         } else {
             f64::INFINITY
         };
-        Self { most, base, slope }
+        Self { most: up(most), base: up(base), slope: up(slope) }
+    }
+
+    pub(super) fn most(&self) -> f64 {
+        f64::from(self.most)
+    }
+
+    pub(super) fn slope(&self) -> f64 {
+        f64::from(self.slope)
     }
 
     /// Known by no more than its largest.
     pub(super) fn at_most(most: f64) -> Self {
-        Self { most, base: f64::INFINITY, slope: 0.0 }
+        Self { most: up(most), base: f32::INFINITY, slope: 0.0 }
     }
 
     /// Where x is at most so much.
     #[inline]
     pub(super) fn up_to(&self, x: f64) -> f64 {
-        (self.base + self.slope * x).min(self.most).max(0.0)
+        (f64::from(self.base) + self.slope() * x).min(self.most()).max(0.0)
     }
 
     /// The base of a line of another slope, no less steep, that bounds it from x = `low` on.
     pub(super) fn base_for(&self, slope: f64, low: f64) -> f64 {
-        self.base + (self.slope - slope) * low
+        f64::from(self.base) + (self.slope() - slope) * low
     }
 
     /// What holds for both, and the steeper slope.
@@ -64,7 +79,7 @@ impl Storage {
         let is_one = self.slope == other.slope;
         Self {
             most: self.most.max(other.most),
-            base: if is_one { self.base.max(other.base) } else { f64::INFINITY },
+            base: if is_one { self.base.max(other.base) } else { f32::INFINITY },
             slope: self.slope.max(other.slope),
         }
     }
@@ -99,7 +114,7 @@ impl Reach {
     /// At most.
     #[inline]
     pub(super) fn most(&self) -> f64 {
-        self.others + self.storage.most
+        self.others + self.storage.most()
     }
 
     /// By storage, and in all, where x may be `place`.
@@ -139,8 +154,8 @@ mod tests {
             let x = low + 10.0 * f64::from(n) / f64::from(count);
             assert!(both.up_to(x) >= flat.up_to(x).max(steep.up_to(x)), "{x}");
             for own in [flat, steep] {
-                let line = own.base_for(both.slope, low) + both.slope * x;
-                assert!(line >= 0.0 && line.min(own.most) >= own.up_to(x), "{x}");
+                let line = own.base_for(both.slope(), low) + both.slope() * x;
+                assert!(line >= 0.0 && line.min(own.most()) >= own.up_to(x), "{x}");
             }
         }
         assert_eq!(steep.max(Storage { base: 2.0, ..steep }), Storage { base: 2.0, ..steep });
