@@ -223,6 +223,10 @@ impl Header {
         if self.fields.iter().any(|field| field.exponent.unsigned_abs() > MAX_EXPONENT) {
             return Err("a field's scale is out of range".into());
         }
+        let is_error = |error: f64| (0.0..=1.0).contains(&error);
+        if !self.fields.iter().all(|f| is_error(f.relative_error) && is_error(f.leaf_error)) {
+            return Err("a field's relative error is not between 0 and 1".into());
+        }
         let table = self.index_pages.checked_mul(8);
         let index = self.index_pages.checked_mul(PAGE_BYTES as u64);
         let end = index

@@ -18,17 +18,11 @@ use super::steepness::Surveyor;
 use super::test_data::{At, BRICKS, TestData, rough};
 use super::transfer_pieces::TransferPieces;
 use crate::cache::{BrickShape, state};
-use crate::scene::{FieldExtrema, Interpolation, Mapping, Rounding, Scale, TransferFunction};
+use crate::scene::{FieldExtrema, Interpolation, Mapping, Scale, TransferFunction};
 
 /// Nothing hides, and values are the source's.
 fn truth() -> Distance {
-    Distance {
-        residual: 0.0,
-        child_mask: 0,
-        tree: [0.0, 1.0],
-        storage: Rounding::default(),
-        leaf_storage: Rounding::default(),
-    }
+    Distance::none([0.0, 1.0])
 }
 
 /// A brick; of one in five cells, as `seed` has it, nothing is left.

@@ -171,11 +171,11 @@ impl<'a> Ledger<'a> {
         let group = self.group();
         let before = self.error.own_extinction();
         self.error.quadrature += tally.quadrature;
-        let steepest = tally.slope.plus(tally.kinks);
         self.error.storage = self.error.storage.plus(tally.stored);
         if self.hides {
             let mut levels = Sums::of(group.levels, tally.length, tally.lit);
             if self.relief.levels_reach > 0.0 {
+                let steepest = tally.slope.plus(tally.kinks);
                 levels = levels.min(steepest.times(self.relief.levels_reach));
             }
             self.error.levels = self.error.levels.plus(levels);

@@ -22,7 +22,7 @@ use super::tile::{beam, meets};
 use super::transfer_pieces::TransferPieces;
 use super::transfer_table::TransferTable;
 use super::view::View;
-use crate::scene::{Interpolation, Rounding, Scene, TransferFunction};
+use crate::scene::{Interpolation, Scene, TransferFunction};
 
 const EDGE: i128 = 8;
 /// Rays across a square.
@@ -70,13 +70,7 @@ impl<'s> Stage<'s> {
         order.sort_by_key(|at| (0..3).map(|a| (at[a] - eye[a]).abs()).sum::<i128>());
         let part = |at: &[i128; 3]| {
             let mut brick = data.brick(level, *at, EDGE as u32, interpolation);
-            let distance = Distance {
-                residual: 0.0,
-                child_mask: 0,
-                tree: [0.0, 1.0],
-                storage: Rounding::default(),
-                leaf_storage: Rounding::default(),
-            };
+            let distance = Distance::none([0.0, 1.0]);
             brick.survey(&transfer.all, &distance, &mut Surveyor::default());
             let corner = data.domain.cell_corner(level as i32, at.map(|c| c * EDGE));
             let frame = view.frame(&corner, level as i32, EDGE as f64);

@@ -66,6 +66,7 @@ mod steepness;
 mod storage;
 #[cfg(test)]
 mod stress_tests;
+mod stretch;
 mod studio;
 #[cfg(test)]
 mod test_data;

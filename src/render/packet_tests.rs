@@ -18,7 +18,7 @@ use super::steepness::Surveyor;
 use super::test_data::{BRICKS, TestCut, TestData, linear, rough};
 use super::transfer_pieces::TransferPieces;
 use super::transfer_table::TransferTable;
-use crate::scene::{Interpolation, Rounding, TransferFunction};
+use crate::scene::{Interpolation, TransferFunction};
 
 pub(super) const EDGE: u32 = 8;
 /// Width of cells, code length.
@@ -32,10 +32,7 @@ pub(super) fn surveyed(
     pieces: &TransferPieces,
 ) -> ScaledBrick {
     let mut brick = data.brick(level, at, EDGE, Interpolation::Linear);
-    let storage = Rounding::default();
-    let distance =
-        Distance { residual: 0.0, child_mask: 0, tree: [0.0, 1.0], storage, leaf_storage: storage };
-    brick.survey(&pieces.all, &distance, &mut Surveyor::default());
+    brick.survey(&pieces.all, &Distance::none([0.0, 1.0]), &mut Surveyor::default());
     brick
 }
 

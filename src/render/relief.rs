@@ -53,6 +53,14 @@ pub(super) struct Distance {
     pub(super) leaf_storage: Rounding,
 }
 
+impl Distance {
+    /// None: nothing lies beneath, and values within `tree` are the source's.
+    pub(super) fn none(tree: [f64; 2]) -> Self {
+        let stored = Rounding::default();
+        Self { residual: 0.0, child_mask: 0, tree, storage: stored, leaf_storage: stored }
+    }
+}
+
 /// The groups of a brick. Its memory is reused from brick to brick.
 #[derive(Debug, Default)]
 pub(super) struct Relief {

@@ -6,7 +6,7 @@ use crate::render::interpolant::DrawnNeighbours;
 use crate::render::march_tests::smooth;
 use crate::render::test_data::{TestData, UNTIDY_BRICKS, rough};
 use crate::render::transfer_pieces::TransferPieces;
-use crate::scene::{Interpolation, Rounding};
+use crate::scene::Interpolation;
 
 const EDGE: usize = 8;
 /// Far apart from cell to cell, as logarithms are.
@@ -17,13 +17,7 @@ fn wide(level: u32, cell: [i128; 3]) -> f64 {
 fn surveyed(number: usize, leaf: fn(u32, [i128; 3]) -> f64) -> ScaledBrick {
     let (level, at) = UNTIDY_BRICKS[number];
     let mut brick = TestData::new(leaf).brick(level, at, EDGE as u32, Interpolation::Linear);
-    let distance = Distance {
-        residual: 0.0,
-        child_mask: 0,
-        tree: [0.0, 1.0],
-        storage: Rounding::default(),
-        leaf_storage: Rounding::default(),
-    };
+    let distance = Distance::none([0.0, 1.0]);
     brick.survey(&TransferPieces::new(&smooth(), |_| 0.0).all, &distance, &mut Surveyor::default());
     brick
 }
@@ -105,13 +99,7 @@ fn slopes_are_close_to_those_there_are() {
     // Away from borders of levels they are the differences of neighbours, no more.
     let data = TestData::one_level(|_, cell| if cell[0] == 11 { 1.0 } else { 0.0 });
     let mut brick = data.brick(0, [1, 0, 1], EDGE as u32, Interpolation::Linear);
-    let distance = Distance {
-        residual: 0.0,
-        child_mask: 0,
-        tree: [0.0, 1.0],
-        storage: Rounding::default(),
-        leaf_storage: Rounding::default(),
-    };
+    let distance = Distance::none([0.0, 1.0]);
     brick.survey(&TransferPieces::new(&smooth(), |_| 0.0).all, &distance, &mut Surveyor::default());
     let group = brick.relief.group(0);
     assert_eq!((group.low, group.high, group.slope), (0.0, 1.0, [1.0, 0.0, 0.0]));

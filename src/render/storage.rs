@@ -105,9 +105,10 @@ const DRIFT: f64 = 64.0;
 impl Reach {
     /// The share of a stretch in which truth and `x` may be on different sides of `place`.
     pub(super) fn share_across<const N: usize>(&self, x: &Polynomial<N>, place: f64) -> f64 {
-        let [stored, reach] = self.near(place);
-        // Of anything else it is not said how it changes along the way.
-        let drift = if self.is_elsewhere { f64::INFINITY } else { DRIFT * stored };
+        let [_, reach] = self.near(place);
+        // Of anything else it is not said how it changes along the way. Corners of the cell may be
+        // off by more than what is between them at the place.
+        let drift = if self.is_elsewhere { f64::INFINITY } else { DRIFT * self.storage.most() };
         x.share_across(place, reach, drift)
     }
 

@@ -20,7 +20,7 @@ use super::scaled::ScaledBrick;
 use super::steepness::Surveyor;
 use super::transfer_pieces::PieceList;
 use crate::cache::BrickShape;
-use crate::scene::{Interpolation, Rounding};
+use crate::scene::Interpolation;
 
 /// Bricks are halved so often at most, and not below so many cells along an edge.
 const MOST_HALVINGS: usize = 3;
@@ -95,13 +95,7 @@ impl Thinner {
             find_values(finer, &mut comparison.halves, &mut self.values, &mut self.is_own);
             thinner.take_values(finer.edge / 2, &self.values[1]);
             comparison.compare(finer, thinner);
-            let exact = Distance {
-                residual: 0.0,
-                child_mask: 0,
-                tree: [whole.low, whole.high],
-                storage: Rounding::default(),
-                leaf_storage: Rounding::default(),
-            };
+            let exact = Distance::none([whole.low, whole.high]);
             thinner.survey(pieces, &exact, &mut self.surveyor);
             thinner.relief.loosen(&finer.relief, pieces, &comparison.off);
             // Values may have been moved to a step.

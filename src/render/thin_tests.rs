@@ -29,13 +29,7 @@ fn surveyed_of(
     transfer: &TransferPieces,
 ) -> ScaledBrick {
     let mut brick = data.brick(level, at, edge, Interpolation::Linear);
-    let exact = Distance {
-        residual: 0.0,
-        child_mask: 0,
-        tree: [0.0, 1.0],
-        storage: Rounding::default(),
-        leaf_storage: Rounding::default(),
-    };
+    let exact = Distance::none([0.0, 1.0]);
     brick.survey(&transfer.all, &exact, &mut Surveyor::default());
     brick
 }
