@@ -34,7 +34,10 @@ const ROUNDING: f64 = 1e-11;
 /// A picture and its convergence.
 #[derive(Debug, Clone)]
 pub(crate) struct Reference {
+    /// No numbers where nothing was drawn.
     pub(crate) picture: Picture,
+    /// The pixels that were drawn, by number.
+    pub(crate) places: Vec<usize>,
     /// How far each channel of each pixel may be off.
     pub(crate) error: Vec<[f64; 4]>,
     /// Rays of the whole picture.
@@ -50,11 +53,12 @@ struct Work<'a> {
     effort: Effort,
     width: usize,
     next: AtomicUsize,
-    count: usize,
+    places: &'a [usize],
 }
 
 impl Reference {
-    /// Renders `scene` on all processors; `tree` holds `dataset` under the scene's scale.
+    /// Renders every pixel of `scene`, or every n-th, on all processors; `tree` holds `dataset`
+    /// under the scene's scale.
     pub(crate) fn render(
         scene: &Scene,
         dataset: &Dataset,
@@ -68,6 +72,7 @@ impl Reference {
         let scenery = Scenery { tree, medium: &medium, is_linear };
         let cell = dataset.root_cell_width().map(DoubleDouble::to_f64);
         let specks = Specks::find(scenery, &camera, cell, [width, height]);
+        let places: Vec<usize> = (0..width * height).step_by(effort.every).collect();
         let work = Work {
             scenery,
             camera: &camera,
@@ -76,19 +81,21 @@ impl Reference {
             effort,
             width,
             next: AtomicUsize::new(0),
-            count: width * height,
+            places: &places,
         };
-        let pixels = work.on_all_processors()?;
-        Ok(Self {
-            picture: Picture { width, height, pixels: pixels.iter().map(|p| p.value).collect() },
-            error: pixels.iter().map(|p| p.error).collect(),
-            rays: pixels.iter().map(|p| p.rays).sum(),
-        })
+        let drawn = work.on_all_processors()?;
+        let rays = drawn.iter().map(|(_, pixel)| pixel.rays).sum();
+        let [mut pixels, mut error] = [(); 2].map(|()| vec![[f64::NAN; 4]; width * height]);
+        for (n, pixel) in drawn {
+            (pixels[n], error[n]) = (pixel.value, pixel.error);
+        }
+        Ok(Self { picture: Picture { width, height, pixels }, places, error, rays })
     }
 }
 
 impl Work<'_> {
-    fn on_all_processors(&self) -> Result<Vec<Converged>> {
+    /// The pixels with their numbers, in any order.
+    fn on_all_processors(&self) -> Result<Vec<(usize, Converged)>> {
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let done = std::thread::scope(|scope| {
             let workers: Vec<_> =
@@ -98,18 +105,14 @@ impl Work<'_> {
                 .map(|worker| worker.join().map_err(|_| "a render thread panicked".to_string())?);
             joined.collect::<Result<Vec<_>>>()
         })?;
-        let mut pixels: Vec<_> = done.into_iter().flatten().collect();
-        pixels.sort_by_key(|(n, _)| *n);
-        Ok(pixels.into_iter().map(|(_, pixel)| pixel).collect())
+        Ok(done.into_iter().flatten().collect())
     }
 
     fn pixels_one_by_one(&self) -> Result<Vec<(usize, Converged)>> {
         let mut done = Vec::new();
         loop {
-            let n = self.next.fetch_add(1, Ordering::Relaxed);
-            if n >= self.count {
-                return Ok(done);
-            }
+            let next = self.next.fetch_add(1, Ordering::Relaxed);
+            let Some(&n) = self.places.get(next) else { return Ok(done) };
             done.push((n, self.pixel(n)?));
         }
     }
