@@ -91,13 +91,14 @@ impl Integrator<'_> {
         let mean = x.mean();
         let width = range[1] - range[0];
         let (emission, extinction) = (piece.emission(mean), piece.extinction(mean));
-        let depth = (extinction * length).min(1.0);
+        let depth = extinction * length;
         let off = piece.bend * width * width;
-        let coupled = piece.slope[0] * width * depth;
+        let coupled = piece.slope[0] * width * depth.min(1.0);
         let [r, g, b] = emission;
         let bent = r.max(g).max(b) * piece.slope[1] * width * length;
         let error = 0.25 * (off + coupled + bent);
-        if error > piece.allowed {
+        // What is allowed is meant for what is seen, of a deep stretch a part of 1 / depth or so.
+        if error * (1.0 + depth) > piece.allowed {
             return None;
         }
         self.count += 1;
