@@ -119,11 +119,13 @@ struct MapAll<'m> {
 impl Kernel for MapAll<'_> {
     type Output = ();
 
-    // A plain loop, compiled for the processor that the lanes are of.
+    // A plain loop, compiled for the processor that the lanes are of. By copies: for all that the
+    // compiler knows a reference might lead to the output, and then it takes values one by one.
     #[inline(always)]
     fn run<L: Lanes>(self, _: L) {
         let Shading { mapping, factor, .. } = self.shading;
-        mapping.unclamped_all(self.stored, *factor, self.x);
+        let (mapping, factor) = (*mapping, *factor);
+        mapping.unclamped_all(self.stored, factor, self.x);
     }
 }
 
