@@ -1,5 +1,7 @@
 //! A batch of rays that walk the tree together, and what they have gathered.
 
+use std::iter::from_fn;
+
 use glam::{DVec2, DVec3};
 
 use super::frame::{Footprint, Frame, LocalRay};
@@ -21,6 +23,8 @@ use crate::cache::BrickShape;
 
 /// How many rays are looked at one by one for the brightest that still needs light.
 const FEW_RAYS: usize = 64;
+/// Groups of a brick's cells that are looked at for packets in the time that a single ray takes.
+const GROUPS_PER_RAY: usize = 16;
 /// Rays that set off together: whole packets.
 const MOST_BOARDING: usize = 2 * MOST_LANES;
 
@@ -144,21 +148,28 @@ impl Tile {
         None
     }
 
+    /// The squares in `rect`, which lies within the tile, whose rays need more.
+    fn open(&self, rect: PixelRect) -> impl Iterator<Item = usize> + '_ {
+        rect.rows().flat_map(move |row| {
+            let range = self.row(&rect, row);
+            let mut at = range.start;
+            from_fn(move || {
+                let found = self.next_alive(at..range.end)?;
+                at = found + 1;
+                Some(found)
+            })
+        })
+    }
+
     /// The largest transmittance of rays in `rect` that need more, or 1 where there are many; 0
     /// where there is none. `rect` lies within the tile.
     pub(super) fn needs(&self, rect: &PixelRect) -> f64 {
-        let (mut largest, mut seen) = (0.0_f64, 0);
-        for row in rect.rows() {
-            let range = self.row(rect, row);
-            let mut at = range.start;
-            while let Some(index) = self.next_alive(at..range.end) {
-                largest = largest.max(self.states[index].transmittance);
-                seen += 1;
-                if seen > FEW_RAYS {
-                    return 1.0;
-                }
-                at = index + 1;
+        let mut largest = 0.0_f64;
+        for (seen, index) in self.open(*rect).enumerate() {
+            if seen == FEW_RAYS {
+                return 1.0;
             }
+            largest = largest.max(self.states[index].transmittance);
         }
         largest
     }
@@ -216,17 +227,16 @@ impl Tile {
 
     /// How many rays in `rect` need more, and the largest of their transmittances.
     fn open_rays(&self, rect: &PixelRect) -> (usize, f64) {
-        let (mut count, mut largest) = (0, 0.0_f64);
-        for row in rect.rows() {
-            let range = self.row(rect, row);
-            let mut at = range.start;
-            while let Some(index) = self.next_alive(at..range.end) {
-                largest = largest.max(self.states[index].transmittance);
-                count += 1;
-                at = index + 1;
-            }
-        }
-        (count, largest)
+        self.open(*rect).fold((0, 0.0), |(count, largest), index| {
+            (count + 1, largest.max(self.states[index].transmittance))
+        })
+    }
+
+    /// Whether so few rays in `rect` need more that looking at a brick for packets takes longer
+    /// than marching these one by one.
+    fn are_few(&self, rect: &PixelRect, brick: &ScaledBrick) -> bool {
+        let few = brick.relief.count() / GROUPS_PER_RAY;
+        self.open(*rect).nth(few).is_none()
     }
 
     /// Marches the rays in `pixels` through a part of a brick.
@@ -238,7 +248,8 @@ impl Tile {
     ) -> u64 {
         let diagonal = frame.cell_width.length();
         let has_squares = accounts && self.has_area;
-        let in_packets = self.packets.enter(passage, light, (diagonal, care), has_squares);
+        let in_packets = !self.are_few(pixels, passage.brick)
+            && self.packets.enter(passage, light, (diagonal, care), has_squares);
         let covered = grid.covered(footprint);
         let mut samples = 0;
         for row in pixels.rows() {
