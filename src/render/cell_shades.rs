@@ -4,8 +4,8 @@
 use super::blocks::ScaledBlock;
 use super::ray_error::Change;
 use super::relief::Relief;
+use super::rounded::two_halves;
 use super::transfer_pieces::PieceList;
-use super::transfer_table::two_halves;
 
 /// The cells of a brick. Its memory is reused from brick to brick.
 #[derive(Debug, Default)]

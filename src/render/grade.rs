@@ -23,9 +23,10 @@
 use super::packet::{DEEPEST, UNFIT};
 use super::ray_error::Change;
 use super::relief::{Group, Relief};
+use super::rounded::{two_halves, up};
 use super::span::Smoothness;
 use super::transfer_pieces::TransferPieces;
-use super::transfer_table::{TransferTable, two_halves};
+use super::transfer_table::TransferTable;
 
 /// How rays are marched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd)]
@@ -137,13 +138,13 @@ impl Grades {
         let (most, slope) = (relief.whole.storage.most(), relief.whole.storage.slope());
         let row_of = |n: usize| stored(relief.group(n), slope, &transfer.table);
         self.stored.extend((0..count).map(row_of));
-        self.storage = [most, slope].map(|value| (value as f32).next_up());
+        self.storage = [most, slope].map(up);
         self.fill_levels((relief, hides), transfer);
         self.reliefs.clear();
         if has_squares {
             self.reliefs.extend((0..count).map(|n| row(relief.group(n))));
             self.reliefs.push(row(&relief.whole));
-            self.reach = ((reach + most) as f32).next_up();
+            self.reach = up(reach + most);
             self.is_fit_for_wide = grader.smoothness_of(&relief.whole).is_some();
         }
     }
@@ -177,7 +178,7 @@ impl Grades {
 /// As [`super::packet::Ground::reliefs`] has it.
 fn row(group: &Group) -> [f32; 8] {
     let ([x, y, z], [p, q, r]) = (group.slope, group.uneven);
-    [x, y, z, p, q, r, group.high - group.low, 0.0].map(|value| (value as f32).next_up())
+    [x, y, z, p, q, r, group.high - group.low, 0.0].map(up)
 }
 
 struct Grader<'g> {
@@ -241,7 +242,7 @@ fn stored(group: &Group, slope: f64, table: &TransferTable) -> [f32; 4] {
     let base = group.storage.base_for(slope, group.low);
     // Adding the slope's share to it rounds.
     let base = base + BASE_ROUNDING * base.abs();
-    [emission, extinction, most, base].map(|x| (x.min(MOST_STORED) as f32).next_up())
+    [emission, extinction, most, base].map(|x| up(x.min(MOST_STORED)))
 }
 
 /// Rounding of a sum in f32, relative to one of the two.

@@ -55,6 +55,7 @@ pub mod ray_state;
 pub mod rays;
 mod refine;
 mod relief;
+mod rounded;
 mod run_tree;
 pub mod scaled;
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! How far values are from the source's, as they are stored, and how far they may be off in all.
 
 use super::polynomial::Polynomial;
+use super::rounded::up;
 use crate::scene::Rounding;
 
 /// Rounding in f64 of values, and of means of them.
@@ -17,10 +18,6 @@ pub(super) struct Storage {
     most: f32,
     base: f32,
     slope: f32,
-}
-
-fn up(x: f64) -> f32 {
-    if x == 0.0 { 0.0 } else { (x as f32).next_up() }
 }
 
 impl Storage {

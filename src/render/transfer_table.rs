@@ -2,6 +2,7 @@
 //! packets of rays look up.
 
 use super::piece::Piece;
+use super::rounded::up;
 use super::run_tree::{Run, RunTree};
 use super::span::Smoothness;
 use super::transfer_pieces::PieceList;
@@ -88,7 +89,7 @@ impl Bends {
             let added = [added[0], added[1], piece.bend_from(before) / scales[0]];
             for (sum, added) in sums.iter_mut().zip(added).filter(|(_, added)| *added > 0.0) {
                 // Rounded up, so that no difference of sums is too small.
-                *sum = ((f64::from(*sum) + added) as f32).next_up();
+                *sum = up(f64::from(*sum) + added);
             }
             steps.push((piece.start, sums));
         }
@@ -106,7 +107,7 @@ impl Bends {
         let row = |Smoothness { bend, slope, .. }: Smoothness| {
             let values =
                 [bend / scales[0], slope.emission / scales[0], slope.extinction / scales[1]];
-            let [bend, emission, extinction] = values.map(|value| (value as f32).next_up());
+            let [bend, emission, extinction] = values.map(up);
             [bend, emission, extinction, 0.0]
         };
         Self {
@@ -221,17 +222,6 @@ impl TransferTable {
 fn sum_of(steps: &[(f64, [f32; 4])], counts: impl Fn(f64) -> bool) -> [f32; 4] {
     let count = steps.partition_point(|(start, _)| counts(*start));
     count.checked_sub(1).map_or([0.0; 4], |last| steps[last].1)
-}
-
-/// More than anything is off by, relative to the largest there is.
-const MOST_HALF: f64 = 1e38;
-
-/// Both as the upper and the lower half of the bits, of f32 and rounded up.
-pub(super) fn two_halves(values: [f64; 2]) -> u32 {
-    // One more covers what is cut off, and the rounding to f32.
-    let bits = |value: f64| (value.min(MOST_HALF) as f32).to_bits();
-    let half = |value: f64| if value == 0.0 { 0 } else { (bits(value) >> 16) + 1 };
-    half(values[0]) << 16 | half(values[1])
 }
 
 /// R, G, B of the emission, and the extinction.
