@@ -8,7 +8,7 @@ use super::frame::{Footprint, Frame};
 use super::grade::{Care, PacketTransfer};
 use super::interpolant::DrawnNeighbours;
 use super::march::{Light, Passage, Region, march};
-use super::march_packets::{Packets, Passenger, Rays};
+use super::march_packets::{Accounts, Packets, Passenger, Rays};
 use super::march_tests::{shells, smooth, steps, transfer};
 use super::margin::{self, parts};
 use super::ray_error::RayError;
@@ -120,8 +120,8 @@ impl<'s> Stage<'s> {
                 let cells = (frame.cell_width.length(), Care::Rough);
                 if way == Way::InPackets && packets.enter(&passage, light, cells, true) {
                     let mut film = Rays { states: &mut states, errors: &mut errors };
-                    let passenger = Passenger { index: 0, ray, beam: Some(beam) };
-                    packets.march(&passage, light, &[passenger], &mut film);
+                    let rays = (&[Passenger { index: 0, ray }][..], Accounts::Squares(&[beam]));
+                    packets.march(&passage, light, rays, &mut film);
                 } else {
                     march(&passage, &ray, light, &mut states[0], Some((&mut errors[0], &beam)));
                 }

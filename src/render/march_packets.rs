@@ -3,15 +3,16 @@
 
 mod cabin;
 mod cell_walk;
+mod seats;
 
-use self::cabin::{Cabin, Rider};
+use self::cabin::Cabin;
 use super::frame::LocalRay;
 use super::grade::{Care, Grades, PacketTransfer};
 use super::interpolant::DrawnNeighbours;
 use super::lanes::{BYTE_PADDING, MOST_LANES, Width};
 use super::march::{Beam, CellRange, DUAL_SHIFT, Light, Passage, Region};
 use super::march_linear::kind;
-use super::packet::{Ground, MOST_PARENTS, Packet, Parents, UNFIT};
+use super::packet::{Ground, MOST_PARENTS, Parents, UNFIT};
 use super::ray_error::RayError;
 use super::ray_state::RayState;
 use super::relief::GROUP_EDGE;
@@ -33,13 +34,44 @@ pub(super) struct Packets {
     cabin: Cabin,
 }
 
-/// A ray that is to be marched: its number in its tile, and the square that it stands for if an
-/// account is kept.
+/// A ray that is to be marched, and its number in its tile.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Passenger {
     pub(super) index: usize,
     pub(super) ray: LocalRay,
-    pub(super) beam: Option<Beam>,
+}
+
+/// Which accounts are kept of rays.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Accounts<'a> {
+    None,
+    /// Of rays that stand for themselves, where depth is so much at σ = 0.
+    Alone(f64),
+    /// Of the squares that they stand for.
+    Squares(&'a [Beam]),
+}
+
+impl<'a> Accounts<'a> {
+    fn are_kept(self) -> bool {
+        !matches!(self, Self::None)
+    }
+
+    /// What the ray of a number among these stands for.
+    pub(super) fn beam(self, n: usize) -> Option<Beam> {
+        match self {
+            Self::None => None,
+            Self::Alone(depth) => Some(Beam::alone(depth)),
+            Self::Squares(beams) => beams.get(n).copied(),
+        }
+    }
+
+    /// Of some of the rays.
+    fn among(self, rays: std::ops::Range<usize>) -> Self {
+        match self {
+            Self::Squares(beams) => Self::Squares(&beams[rays]),
+            other => other,
+        }
+    }
 }
 
 /// A tile's rays: what they have gathered, and what of it may be wrong.
@@ -61,8 +93,7 @@ struct Place<'p> {
     most: f64,
     /// What a cell may be off by, in the picture's own unit.
     allowed: f64,
-    /// Whether rays stand for squares, and whether rays of squares wider than a cell may go in packets.
-    has_squares: bool,
+    /// Whether rays of squares wider than a cell may go in packets.
     takes_wide: bool,
 }
 
@@ -75,7 +106,7 @@ impl Packets {
         let known = (2 * size_of::<u32>() + size_of::<[f32; 12]>()) * (groups.pow(3) + 1)
             + duals.pow(3)
             + BYTE_PADDING;
-        (2 * known + size_of::<Packet>() + 2 * MOST_LANES * size_of::<Rider>()) as u64
+        (2 * known + size_of::<Packets>() + Cabin::bytes()) as u64
     }
 
     /// Of the widest kind that this processor has.
@@ -90,7 +121,7 @@ impl Packets {
             grades: Grades::default(),
             kinds: Vec::new(),
             bends: [[0.0; 4]; 2],
-            cabin: Cabin { packet: Packet::new(), riders: Vec::with_capacity(MOST_LANES) },
+            cabin: Cabin::new(),
         }
     }
 
@@ -147,7 +178,7 @@ impl Packets {
         &mut self,
         passage: &Passage<'_>,
         light: &Light<'_>,
-        rays: &[Passenger],
+        (rays, accounts): (&[Passenger], Accounts<'_>),
         film: &mut Rays<'_>,
     ) -> u64 {
         let Some(transfer) = &light.packets else { return 0 };
@@ -158,7 +189,6 @@ impl Packets {
         let whole = &passage.brick.relief.whole;
         let allowed = transfer.allowed.map_or(f64::INFINITY, |allowed| allowed * self.grades.share);
         let takes_wide = self.grades.is_fit_for_wide;
-        let has_squares = !self.grades.reliefs.is_empty();
         let place = Place {
             passage,
             region,
@@ -168,7 +198,6 @@ impl Packets {
             transfer,
             most: whole.span.most.extinction,
             allowed,
-            has_squares,
             takes_wide,
         };
         let kinds = if self.kinds.is_empty() { &passage.brick.duals } else { &self.kinds };
@@ -196,10 +225,14 @@ impl Packets {
             darkening: transfer.darkening(),
         };
         let all_plain = kinds.is_empty() && self.grades.fit == ground.rates.len();
-        let packets = rays.chunks(self.width.count());
-        packets
-            .map(|rays| self.cabin.travel(&place, (&ground, self.width, all_plain), rays, film))
-            .sum()
+        let ground = (&ground, self.width, all_plain);
+        let mut samples = 0;
+        for first in (0..rays.len()).step_by(self.width.count()) {
+            let some = first..(first + self.width.count()).min(rays.len());
+            let riders = (&rays[some.clone()], accounts.among(some));
+            samples += self.cabin.travel(&place, ground, riders, film);
+        }
+        samples
     }
 }
 

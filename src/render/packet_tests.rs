@@ -6,16 +6,16 @@ use proptest::prelude::*;
 use super::frame::LocalRay;
 use super::grade::{Care, PacketTransfer};
 use super::interpolant::DrawnNeighbours;
-use super::lanes::Width;
+use super::lanes::{MOST_LANES, Width};
 use super::march::{Beam, Light, Passage, Region, march};
-use super::march_packets::{Packets, Passenger, Rays};
+use super::march_packets::{Accounts, Packets, Passenger, Rays};
 use super::march_tests::{shells, smooth, steps, transfer};
 use super::ray_error::RayError;
 use super::ray_state::{Ending, RayState};
 use super::relief::Distance;
 use super::scaled::ScaledBrick;
 use super::steepness::Surveyor;
-use super::test_data::{BRICKS, TestCut, TestData, linear, rough};
+use super::test_data::{BRICKS, TestCut, TestData, UNTIDY_BRICKS, linear, rough};
 use super::transfer_pieces::TransferPieces;
 use super::transfer_table::TransferTable;
 use crate::scene::{Interpolation, TransferFunction};
@@ -76,18 +76,30 @@ impl<'s> Setting<'s> {
     }
 
     pub(super) fn together(&self, rays: &[LocalRay], width: Width, care: Care) -> Found {
+        self.together_as(rays, width, care, Accounts::Alone(0.0))
+    }
+
+    /// Rays that stand for what `accounts` says.
+    fn together_as(
+        &self,
+        rays: &[LocalRay],
+        width: Width,
+        care: Care,
+        accounts: Accounts<'_>,
+    ) -> Found {
         let mut packets = Packets::of(width);
         let mut states = vec![RayState::default(); rays.len()];
         let mut errors = vec![RayError::default(); rays.len()];
-        let is_fit =
-            packets.enter(&self.passage, &self.light, (3.0_f64.sqrt() * WIDTH, care), false);
+        let (diagonal, has_squares) =
+            (3.0_f64.sqrt() * WIDTH, matches!(accounts, Accounts::Squares(_)));
+        let is_fit = packets.enter(&self.passage, &self.light, (diagonal, care), has_squares);
         let mut samples = 0;
         if is_fit {
             let mut film = Rays { states: &mut states, errors: &mut errors };
-            let passenger =
-                |index| Passenger { index, ray: rays[index], beam: Some(Beam::alone(0.0)) };
-            let rays: Vec<_> = (0..rays.len()).map(passenger).collect();
-            samples += packets.march(&self.passage, &self.light, &rays, &mut film);
+            let passenger = |(index, &ray)| Passenger { index, ray };
+            let rays: Vec<_> = rays.iter().enumerate().map(passenger).collect();
+            let rays = (&rays[..], accounts);
+            samples += packets.march(&self.passage, &self.light, rays, &mut film);
         }
         Found { states, errors, samples, is_fit }
     }
@@ -129,6 +141,12 @@ pub(super) fn rays() -> impl Strategy<Value = Vec<LocalRay>> {
         })
     });
     prop::collection::vec(ray, 1..20)
+}
+
+/// As many rays as there are lanes, close to each other.
+fn beside(ray: &LocalRay) -> Vec<LocalRay> {
+    let moved = |n: usize| LocalRay { origin: ray.origin + 1e-3 * n as f64, ..*ray };
+    (0..MOST_LANES).map(moved).collect()
 }
 
 pub(super) fn glowing() -> TransferFunction {
@@ -191,6 +209,50 @@ proptest! {
         let rays = rays.concat();
         let found = setting.together(&rays, Width::best(), Care::Rough);
         setting.check(&rays, &found)?;
+    }
+
+    /// Which rays are in the lanes beside it changes nothing, be they in the same cells or not.
+    #[test]
+    fn every_lane_is_on_its_own(
+        rays in rays(),
+        are_close in any::<bool>(),
+        place in 0..UNTIDY_BRICKS.len(),
+        number in 0..4usize,
+        width in prop_oneof![Just(None), (0.01..1.5_f64).prop_map(Some)],
+        is_fine in any::<bool>(),
+        hides in any::<bool>(),
+    ) {
+        let data = TestData::new(rough);
+        let care = if is_fine { Care::Fine } else { Care::Rough };
+        let rays = if are_close { beside(&rays[0]) } else { rays };
+        let cut = TestCut::new(&data, EDGE, |level, at| level < 2 || at[1] < 3 && at[2] < 4);
+        let function = function(number);
+        let exact = TransferPieces::new(&function, |_| 0.0);
+        let (level, at) = UNTIDY_BRICKS[place];
+        let brick = surveyed(&data, (level, at), &exact);
+        let mut setting = Setting::new(&brick, cut.drawn(level, at), &exact, (&function, 1.0));
+        setting.passage.hides = hides;
+        let beam = Beam {
+            spread: [width.unwrap_or(0.0); 3],
+            angle: 1e-3,
+            advance: [WIDTH; 3],
+            depth: 1.0,
+            covered: 1.0,
+        };
+        let beams = vec![beam; rays.len()];
+        let accounts = |count: usize| match width {
+            Some(_) => Accounts::Squares(&beams[..count]),
+            None => Accounts::Alone(0.0),
+        };
+        for width in Width::all() {
+            let all = setting.together_as(&rays, width, care, accounts(rays.len()));
+            prop_assert!(all.is_fit || number > 1);
+            for (n, ray) in rays.iter().enumerate() {
+                let alone = setting.together_as(&[*ray], width, care, accounts(1));
+                prop_assert_eq!(all.states[n], alone.states[0], "{:?}, ray {}", width, n);
+                prop_assert_eq!(all.errors[n], alone.errors[0], "{:?}, ray {}", width, n);
+            }
+        }
     }
 
     #[test]

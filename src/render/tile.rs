@@ -9,7 +9,7 @@ use super::grade::Care;
 use super::interpolant::DrawnNeighbours;
 use super::lanes::MOST_LANES;
 use super::march::{Beam, Light, Passage, march};
-use super::march_packets::{Packets, Passenger, Rays};
+use super::march_packets::{Accounts, Packets, Passenger, Rays};
 use super::margin::{Part, parts};
 use super::ray_error::{Change, RayError};
 use super::ray_state::RayState;
@@ -46,8 +46,9 @@ pub(super) struct Tile {
     /// Where each pixel's squares begin, and one more.
     starts: Vec<u16>,
     packets: Packets,
-    /// Rays for the next packets, by number.
+    /// Rays for the next packets, and the squares that they stand for, if they do.
     boarding: Vec<Passenger>,
+    beams: Vec<Beam>,
     thinner: Thinner,
 }
 
@@ -70,7 +71,7 @@ impl Tile {
             + size_of::<RayState>()
             + size_of::<RayError>()
             + 4;
-        (BATCH_RAYS * of_ray + MOST_BOARDING * size_of::<Passenger>()) as u64
+        (BATCH_RAYS * of_ray + MOST_BOARDING * (size_of::<Passenger>() + size_of::<Beam>())) as u64
             + Packets::bytes(shape)
             + Thinner::bytes(shape, blocks)
     }
@@ -88,6 +89,7 @@ impl Tile {
             starts: Vec::with_capacity(BATCH_RAYS + 1),
             packets: Packets::new(),
             boarding: Vec::with_capacity(MOST_BOARDING),
+            beams: Vec::with_capacity(MOST_BOARDING),
             thinner: Thinner::default(),
         }
     }
@@ -251,6 +253,7 @@ impl Tile {
         let in_packets = !self.are_few(pixels, passage.brick)
             && self.packets.enter(passage, light, (diagonal, care), has_squares);
         let covered = grid.covered(footprint);
+        let alone = if accounts { Accounts::Alone(frame.depth) } else { Accounts::None };
         let mut samples = 0;
         for row in pixels.rows() {
             let range = self.row(pixels, row);
@@ -262,32 +265,37 @@ impl Tile {
                     continue;
                 }
                 let ray = frame.ray(plane);
-                let beam = accounts.then(|| {
-                    if !self.has_area {
-                        return Beam::alone(frame.depth);
-                    }
+                if has_squares {
                     let share = covered / grid.weight(&self.squares[index]);
-                    beam(frame, &ray, half, share)
-                });
-                self.boarding.push(Passenger { index, ray, beam });
+                    self.beams.push(beam(frame, &ray, half, share));
+                }
+                self.boarding.push(Passenger { index, ray });
                 if !in_packets || self.boarding.len() == MOST_BOARDING {
-                    samples += self.depart(passage, light, in_packets);
+                    samples += self.depart(passage, light, (alone, in_packets));
                 }
             }
         }
-        samples + self.depart(passage, light, in_packets)
+        samples + self.depart(passage, light, (alone, in_packets))
     }
 
-    /// Marches the rays that wait.
-    fn depart(&mut self, passage: &Passage<'_>, light: &Light<'_>, in_packets: bool) -> u64 {
+    /// Marches the rays that wait, with accounts as `alone` says if they do not stand for squares.
+    fn depart(
+        &mut self,
+        passage: &Passage<'_>,
+        light: &Light<'_>,
+        (alone, in_packets): (Accounts<'_>, bool),
+    ) -> u64 {
+        let accounts = if self.beams.is_empty() { alone } else { Accounts::Squares(&self.beams) };
         let mut samples = 0;
         if in_packets {
             let mut film = Rays { states: &mut self.states, errors: &mut self.errors };
-            samples += self.packets.march(passage, light, &self.boarding, &mut film);
+            let rays = (&self.boarding[..], accounts);
+            samples += self.packets.march(passage, light, rays, &mut film);
         }
-        for Passenger { index, ray, beam } in self.boarding.drain(..) {
+        for (n, Passenger { index, ray }) in self.boarding.drain(..).enumerate() {
             let state = &mut self.states[index];
             if !in_packets {
+                let beam = accounts.beam(n);
                 let account = beam.as_ref().map(|beam| (&mut self.errors[index], beam));
                 samples += march(passage, &ray, light, state, account);
             }
@@ -295,6 +303,7 @@ impl Tile {
                 self.alive[index / 64] &= !(1 << (index % 64));
             }
         }
+        self.beams.clear();
         samples
     }
 

@@ -1,14 +1,12 @@
 //! The walk of a ray that a packet has left at a cell.
 
-use super::cabin::Rider;
 use crate::render::frame::LocalRay;
 use crate::render::march::{CellRange, DUAL_SHIFT};
-use crate::render::packet::Packet;
 use crate::render::walk::Step;
 
 /// The walk of one ray from the dual cell on that its lane has reached.
 pub(super) struct CellWalk<'r> {
-    rider: &'r LocalRay,
+    ray: &'r LocalRay,
     range: &'r CellRange,
     pub(super) cell: [i32; 3],
     pub(super) from: f64,
@@ -16,25 +14,19 @@ pub(super) struct CellWalk<'r> {
 }
 
 impl<'r> CellWalk<'r> {
+    /// The walk of `ray` through dual cells in `range` from one on, between two σ.
     pub(super) fn new(
-        rider: &'r Rider,
+        ray: &'r LocalRay,
         range: &'r CellRange,
-        packet: &Packet,
-        lane: usize,
+        cell: [i32; 3],
+        (from, end): (f64, f64),
     ) -> Self {
-        let reached = packet.reached(lane);
-        Self {
-            rider: &rider.ray,
-            range,
-            cell: packet.cell(lane),
-            from: (rider.span.0 + reached * rider.unit).min(rider.span.1),
-            end: rider.span.1,
-        }
+        Self { ray, range, cell, from, end }
     }
 
     /// The way through the present cell, and whether there is a next one, which is gone to.
     pub(super) fn step(&mut self) -> (Step, bool) {
-        let (origin, direction) = (self.rider.origin.to_array(), self.rider.direction.to_array());
+        let (origin, direction) = (self.ray.origin.to_array(), self.ray.direction.to_array());
         let (mut to, mut axis) = (self.end, None);
         for a in 0..3 {
             let ahead = self.cell[a] + i32::from(direction[a] > 0.0);

@@ -186,12 +186,13 @@ pub(super) struct Along<'a, L: Lanes> {
 pub(super) type Blend<L> = [[<L as Lanes>::Float; 2]; MOST_PARENTS];
 
 impl<L: Lanes> Part<L> {
-    /// The part that a stretch is in of the dual cell `cell`, whose corners `exists` says.
+    /// The part that a stretch is in of the dual cell `cell`, whose corners `exists` says, for all
+    /// of `lanes`.
     #[inline(always)]
     pub(super) fn new(
         l: L,
         ground: &Ground<'_>,
-        (cell, exists): (&[L::Float; 3], L::Index),
+        (cell, exists, lanes): (&[L::Float; 3], L::Index, L::Mask),
         along: Along<'_, L>,
     ) -> Self {
         let missing = missing_at(l, exists, along.middle);
@@ -199,7 +200,7 @@ impl<L: Lanes> Part<L> {
         let mut part = Self { missing, parents: [first; MOST_PARENTS], depth: 1 };
         while part.depth < ground.parent_count {
             let complete = l.is_index(part.parents[part.depth - 1].missing, 0);
-            if l.bits(l.without(l.mask(!0), complete)) == 0 {
+            if l.bits(l.without(lanes, complete)) == 0 {
                 break;
             }
             part.parents[part.depth] = Level::new(l, &ground.parents[part.depth], cell, along);
@@ -269,6 +270,9 @@ impl<L: Lanes> Part<L> {
                 let kink = l.mul(apart, l.mul(level.length, l.splat(share)));
                 above.kink = l.add(above.kink, l.select(straight, zero, kink));
             }
+            // Without a neighbour that is missing there is no blending, whatever other lanes do.
+            let missing = if n == 0 { self.missing } else { self.parents[n - 1].missing };
+            above = own.or(l, l.is_index(missing, 0), above);
         }
         above
     }

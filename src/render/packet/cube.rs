@@ -117,6 +117,17 @@ impl<L: Lanes> Bend<L> {
         }
     }
 
+    /// This one in some lanes, in others the other.
+    #[inline(always)]
+    pub(super) fn or(self, l: L, lanes: L::Mask, other: Self) -> Self {
+        Self {
+            second: l.select(lanes, self.second, other.second),
+            third: l.select(lanes, self.third, other.third),
+            fourth: l.select(lanes, self.fourth, other.fourth),
+            kink: l.select(lanes, self.kink, other.kink),
+        }
+    }
+
     /// How far x is from the straight line through its ends: (s − s²) and (s − s³) are at most ¼
     /// and 0.385, the latter's odd part 0.049 about the middle.
     #[inline(always)]

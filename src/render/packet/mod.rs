@@ -279,7 +279,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
                 let length = l.max(l.select(ahead, l.sub(to, from), zero), zero);
                 let middle = walk.behind(l.fma(length, l.splat(0.5), from));
                 let along = Along { from: walk.behind(from), middle, length, skew: &skew };
-                let part = Part::new(l, ground, (&walk.cell, exists), along);
+                let part = Part::new(l, ground, (&walk.cell, exists, ahead), along);
                 let bend = cube.bend(l, &skew, (along.from, length));
                 let (cube, part, rate) = (&cube, Some(&part), extinction_off);
                 let stretch = Stretch { cube, bend, part, from, way: length, rate, stored };
