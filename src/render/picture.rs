@@ -238,7 +238,7 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
     fn look_ahead(&mut self, walk: &mut Walk<'_, FieldIndex<'_>, ()>) -> Result<()> {
         while self.queue.len() < STEPS_AHEAD {
             let tile = &self.tile;
-            let Some(step) = walk.next(|rays| tile.needs(rays))? else { return Ok(()) };
+            let Some(step) = walk.next(|rays, seen| tile.needs(rays, seen))? else { return Ok(()) };
             if !self.pins.holds(&step.request) {
                 self.ahead.request(self.picture.pool, step.request);
             }
@@ -251,7 +251,7 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
         let level = step.request.place.tree_level;
         // The walk has left whatever lies deeper.
         self.pins.release(level + 1);
-        if self.tile.needs(&step.pixels) > 0.0 {
+        if self.tile.needs(&step.pixels, &step.footprint) > 0.0 {
             let Picture { pool, scenery, light, method, .. } = self.picture;
             let brick = self.pins.hold(&step.request, pool, &mut self.scratch)?;
             let drawn = batch.cut.drawn_neighbours(&step.request.place);

@@ -62,7 +62,8 @@ pub struct Stats {
     pub bricks_skipped_resolution: u64,
     /// Bricks in which nothing emits or absorbs.
     pub bricks_skipped_transparent: u64,
-    /// Bricks to be drawn that were never loaded, as they lie behind opaque ones from everywhere.
+    /// Bricks to be drawn that were never loaded, as no ray that needs light meets them: they lie
+    /// behind opaque ones from everywhere, or between rays.
     pub bricks_skipped_occluded: u64,
     /// Bytes of payloads read.
     pub bytes_read: u64,

@@ -50,6 +50,9 @@ pub(super) struct Studio<'s> {
 
 /// A glance is at most this many pixels wide or high.
 const GLANCE_PIXELS: u32 = 64;
+/// So many an outlook is taken from: enough for an average, and not enough to meet all bricks of a
+/// large set.
+const OUTLOOK_PIXELS: u32 = 24;
 /// The part of a tolerance relative to the largest value of a glance that is tried first: what a
 /// glance sees may be brighter than the picture's pixels.
 const FIRST_TRY: f64 = 0.9;
@@ -221,7 +224,7 @@ impl<'s> Studio<'s> {
 
     /// The largest value of a small picture, drawn without regard to its error.
     fn glance(&self) -> Result<f64> {
-        let (scene, _) = self.small();
+        let (scene, _) = self.small(GLANCE_PIXELS);
         let view = View::new(&scene, &self.cache.header().domain)?;
         let pixels = PixelGrid::new(&view, Samples::Grid(1));
         let cut = Cut::Footprint(FootprintCut::new(
@@ -239,11 +242,11 @@ impl<'s> Studio<'s> {
         Ok(f64::from(film.largest_value()))
     }
 
-    /// The scene, in a picture of at most [`GLANCE_PIXELS`] along an edge: one tile. And how wide
-    /// the scene's own pixels are in it.
-    fn small(&self) -> (Scene, f64) {
+    /// The scene, in a picture of at most so many pixels along an edge, no more than a tile has. And
+    /// how wide the scene's own pixels are in it.
+    fn small(&self, pixels: u32) -> (Scene, f64) {
         let Scene { image, .. } = self.scene;
-        let scale = f64::from(GLANCE_PIXELS) / f64::from(image.width.max(image.height));
+        let scale = f64::from(pixels) / f64::from(image.width.max(image.height));
         let mut scene = self.scene.clone();
         if scale >= 1.0 {
             return (scene, 1.0);
@@ -255,7 +258,7 @@ impl<'s> Studio<'s> {
 
     /// What a few pixels, quartered once, say of how bounds of pixels' areas will fall.
     fn outlook(&self, goal: &Goal, transfer: (&TransferPieces, &PieceList)) -> Result<TileError> {
-        let (scene, part) = self.small();
+        let (scene, part) = self.small(OUTLOOK_PIXELS);
         let view = View::new(&scene, &self.cache.header().domain)?;
         let pixels = PixelGrid::sparse(&view, part);
         let quartered = Goal { rays_per_pixel: OUTLOOK_RAYS, alone_per_pixel: 1, ..*goal };
@@ -346,7 +349,7 @@ impl<'s> Studio<'s> {
             Scenery { header, view: pixels.view(), pixels, shading: self.shading, bounds };
         let mut index = FieldIndex { cursor: self.cache.cursor(), field: self.shading.field };
         let mut walk = Walk::new(&scenery, &mut index, Census::default(), cut, pixels.whole());
-        while walk.next(|_| 1.0)?.is_some() {}
+        while walk.next(|_, _| 1.0)?.is_some() {}
         Ok(walk.into_tally())
     }
 }

@@ -113,12 +113,13 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         Self { scenery, index, tally, cut, window, stack: Vec::new(), is_started: false }
     }
 
-    /// The next piece. What lies wholly behind rays that need nothing more is left out: `needed`
-    /// says how much of the light from behind any ray of a rectangle still lets through.
+    /// The next piece. What lies wholly behind rays that need nothing more is left out, and what
+    /// lies between rays: `needed` says how much of the light from behind any ray of a rectangle
+    /// that meets what has a footprint still lets through.
     ///
     /// # Errors
     /// A damaged index.
-    pub fn next(&mut self, needed: impl Fn(&PixelRect) -> f64) -> Result<Option<Step>> {
+    pub fn next(&mut self, needed: impl Fn(&PixelRect, &Footprint) -> f64) -> Result<Option<Step>> {
         if !self.is_started {
             self.is_started = true;
             let root = self.scenery.header.levels.first().map_or(0, |level| level.octree);
@@ -161,7 +162,7 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         &mut self,
         node: u64,
         place: BrickPlace,
-        needed: &impl Fn(&PixelRect) -> f64,
+        needed: &impl Fn(&PixelRect, &Footprint) -> f64,
     ) -> Result<Option<Step>> {
         if place.tree_level >= self.scenery.header.levels.len() {
             return Err(Error::invalid(
@@ -185,7 +186,7 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
             self.tally.count(Fate::Transparent, subtree);
             return Ok(None);
         }
-        let transmittance = needed(&pixels);
+        let transmittance = needed(&pixels, &footprint);
         if transmittance == 0.0 {
             self.tally.count(Fate::Hidden, subtree);
             return Ok(None);
@@ -236,7 +237,11 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
     }
 
     /// One of the octants that the node on top of the stack draws itself.
-    fn own_octant(&mut self, octant: u8, needed: &impl Fn(&PixelRect) -> f64) -> Option<Step> {
+    fn own_octant(
+        &mut self,
+        octant: u8,
+        needed: &impl Fn(&PixelRect, &Footprint) -> f64,
+    ) -> Option<Step> {
         let half = self.scenery.header.shape.edge() as f64 / 2.0;
         let place = self.stack.last()?.request.place;
         let frame = self.scenery.frame(&place, Some(octant));
@@ -251,7 +256,7 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         let is_last = (open.next..8).all(|n| open.own >> (n ^ open.order) & 1 == 0);
         let (request, frame) = (open.request, open.frame);
         let step = Step { request, frame, region, pixels, footprint, hides: false, is_last };
-        (needed(&pixels) > 0.0).then_some(step)
+        (needed(&pixels, &footprint) > 0.0).then_some(step)
     }
 
     fn pixels_of(&self, footprint: &Footprint) -> PixelRect {

@@ -42,7 +42,7 @@ impl Tree {
         let mut index = self.clone();
         let window = window.unwrap_or(pixels.whole());
         let mut walk = Walk::new(&scenery, &mut index, Census::default(), cut, window);
-        while let Some(step) = walk.next(&needed).unwrap() {
+        while let Some(step) = walk.next(|rays, _| needed(rays)).unwrap() {
             hear(step);
         }
         walk.into_tally()
