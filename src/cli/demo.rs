@@ -119,7 +119,7 @@ fn table(header: &Header, directory: &Path, output: &mut Output) -> Result<()> {
     line("bricks read", &count("bricks_loaded"))?;
     line("skipped: too fine to see", &count("bricks_skipped_resolution"))?;
     line("skipped: transparent", &count("bricks_skipped_transparent"))?;
-    line("skipped: hidden", &count("bricks_skipped_occluded"))?;
+    line("skipped: needed by no ray", &count("bricks_skipped_occluded"))?;
     line("deepest level drawn", &count("deepest_level_used"))?;
     output.line("")
 }

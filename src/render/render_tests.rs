@@ -121,6 +121,26 @@ fn opaque_things_hide_what_lies_behind() {
     assert!(stats.bricks_skipped_occluded > stats.bricks_total / 5, "{stats:?}");
 }
 
+/// A pixel's ray is that of the middle one of 3×3 pixels in its place.
+#[test]
+fn what_lies_between_rays_is_not_loaded_and_not_missed() {
+    let (_folder, path) = cache();
+    let settings = "samples = 1\ntolerance = 0";
+    let [few, many] = [1, 3].map(|fold| {
+        let Rendered { film, stats, .. } =
+            draw(&path, &scene(settings, 5 * fold, 3 * fold), 1 << 30, 1).unwrap();
+        assert_eq!(film.width(), 5 * fold);
+        (film, stats.bricks_loaded)
+    });
+    assert!(3 * few.1 < 2 * many.1, "{} of {} bricks", few.1, many.1);
+    for n in 0..15 {
+        let middle = (3 * (n / 5) + 1) * 15 + 3 * (n % 5) + 1;
+        for (own, other) in few.0.pixels()[n].iter().zip(&many.0.pixels()[middle]) {
+            assert!((own - other).abs() <= 1e-6, "pixel {n}: {own} {other}");
+        }
+    }
+}
+
 #[test]
 fn every_tile_is_reported_once() {
     let (_folder, path) = cache();
