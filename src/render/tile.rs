@@ -355,50 +355,5 @@ pub(super) fn beam(frame: &Frame, ray: &LocalRay, half: DVec2, covered: f64) -> 
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::render::test_scene::{scene, view};
-
-    const ALL: Footprint = Footprint {
-        plane_lo: DVec2::NEG_INFINITY,
-        plane_hi: DVec2::INFINITY,
-        depth_lo: 0.0,
-        depth_hi: 1.0,
-    };
-
-    fn rect(x: [u32; 2], y: [u32; 2]) -> PixelRect {
-        PixelRect { lo: [x[0], y[0]], hi: [x[1], y[1]] }
-    }
-
-    #[test]
-    fn rays_are_needed_until_they_are_done() {
-        let scene = scene("samples = 1", 130, 70);
-        let grid = PixelGrid::new(&view(&scene), scene.render.samples);
-        let (mut tile, mut squares) = (Tile::new(), Vec::new());
-        let whole = rect([64, 128], [64, 70]);
-        grid.first_squares(&whole, &mut squares);
-        tile.start(&grid, whole, (&squares, false));
-        assert_eq!(tile.needs(&rect([64, 65], [64, 65]), &ALL), 1.0);
-        assert_eq!(tile.needs(&rect([127, 128], [69, 70]), &ALL), 1.0);
-        tile.alive[2] = 1 << 63;
-        tile.states[2 * 64 + 63].transmittance = 0.25;
-        assert_eq!(tile.needs(&rect([100, 128], [66, 67]), &ALL), 0.25);
-        assert_eq!(tile.needs(&rect([64, 127], [66, 67]), &ALL), 0.0);
-        assert_eq!(tile.needs(&rect([64, 127], [65, 67]), &ALL), 1.0);
-        // What lies between the rays of four pixels.
-        let [first, last] = [0, 65].map(|index| tile.planes[index][0]);
-        let middle = first.midpoint(last);
-        let between = |by: f64| {
-            let reach = (last - first).abs() * by;
-            Footprint { plane_lo: middle - reach, plane_hi: middle + reach, ..ALL }
-        };
-        let four = rect([64, 66], [64, 66]);
-        assert_eq!(tile.needs(&four, &between(0.49)), 0.0);
-        assert_eq!(tile.needs(&four, &between(0.51)), 1.0);
-        squares.retain(|square| square.pixel % 64 == 5);
-        tile.start(&grid, whole, (&squares, false));
-        assert_eq!(tile.needs(&rect([64, 69], [64, 70]), &ALL), 0.0);
-        assert_eq!(tile.row(&rect([64, 128], [66, 67]), 66), 2..3);
-        assert_eq!(tile.needs(&rect([69, 70], [69, 70]), &ALL), 1.0);
-    }
-}
+#[path = "tile_tests.rs"]
+mod tests;

@@ -1,7 +1,7 @@
 //! A packet on its way through a brick: rays board it, and get what it has gathered for them.
 
 use super::cell_walk::CellWalk;
-use super::seats::{Seats, SetOff};
+use super::seats::{Seats, SetOff, split};
 use super::{Accounts, Passenger, Place, Rays, lanes};
 use crate::render::absorb::Integrator;
 use crate::render::lanes::{MOST_LANES, Row, Width};
@@ -259,12 +259,6 @@ impl Cabin {
         }
         count
     }
-}
-
-/// A number as the sum of two.
-fn split(x: f64) -> [f32; 2] {
-    let coarse = x as f32;
-    [coarse, (x - f64::from(coarse)) as f32]
 }
 
 fn put(rows: &mut [Row; 2], lane: usize, numbers: [f32; 2]) {

@@ -104,10 +104,9 @@ impl Kernel for SetOff<'_> {
             set_axis::<L>((ends, shift), seats, packet, a);
         }
         for lane in 0..L::COUNT {
-            let end = (seats.to[lane] - seats.from[lane]) / seats.unit[lane];
-            let near = end as f32;
-            packet.end[0].0[lane] = near;
-            packet.end[1].0[lane] = (end - f64::from(near)) as f32;
+            let end = split((seats.to[lane] - seats.from[lane]) / seats.unit[lane]);
+            packet.end[0].0[lane] = end[0];
+            packet.end[1].0[lane] = end[1];
             packet.t[0].0[lane] = 0.0;
             packet.t[1].0[lane] = 0.0;
         }
@@ -171,11 +170,18 @@ fn set_axis<L: Lanes>(
         let coarse = rounded(start);
         packet.origin[0][a].0[lane] = coarse as f32;
         packet.origin[1][a].0[lane] = (start - coarse) as f32;
-        let near = along as f32;
-        packet.direction[0][a].0[lane] = near;
-        packet.direction[1][a].0[lane] = (along - f64::from(near)) as f32;
+        let along = split(along);
+        packet.direction[0][a].0[lane] = along[0];
+        packet.direction[1][a].0[lane] = along[1];
         packet.cell[a].0[lane] = cell as f32;
     }
+}
+
+/// A number as the sum of two.
+#[inline(always)]
+pub(super) fn split(x: f64) -> [f32; 2] {
+    let coarse = x as f32;
+    [coarse, (x - f64::from(coarse)) as f32]
 }
 
 /// The smaller of two numbers; one comparison, where `f64::min` looks for such as are none.
