@@ -20,6 +20,13 @@
 //! and cuts a way into parts until it is little. What it cannot change is worked out here: the
 //! table's own deviation, and what rounding to f32 does to x and to light.
 
+mod kept;
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+pub(super) use self::kept::KeptRates;
+
+use self::kept::Key;
 use super::packet::{DEEPEST, UNFIT};
 use super::ray_error::Change;
 use super::relief::{Group, Relief};
@@ -33,8 +40,9 @@ use super::transfer_table::TransferTable;
 pub(super) enum Care {
     /// In packets.
     Rough,
-    /// In packets that allow a cell less.
+    /// In packets that allow a cell less, or far less.
     Fine,
+    Finest,
     /// One by one.
     Exact,
 }
@@ -44,7 +52,8 @@ impl Care {
     pub(super) fn more(self) -> Self {
         match self {
             Self::Rough => Self::Fine,
-            Self::Fine | Self::Exact => Self::Exact,
+            Self::Fine => Self::Finest,
+            Self::Finest | Self::Exact => Self::Exact,
         }
     }
 
@@ -55,7 +64,11 @@ impl Care {
 
     /// What a single cell may be off by, as a part of what a ray may be.
     pub(super) fn share_of_cell(self) -> f64 {
-        if self == Self::Rough { 1.0 / 8.0 } else { 1.0 / 4096.0 }
+        match self {
+            Self::Rough => 1.0 / 8.0,
+            Self::Fine => 1.0 / 64.0,
+            Self::Finest | Self::Exact => 1.0 / 4096.0,
+        }
     }
 }
 
@@ -78,6 +91,8 @@ const CELLS_OF_LEVEL: f64 = 512.0;
 /// What packets march by, for a picture.
 #[derive(Debug)]
 pub(super) struct PacketTransfer {
+    /// No other has this one.
+    number: u64,
     pub(super) table: TransferTable,
     /// What its bends are bounded by.
     pub(super) close: TransferPieces,
@@ -91,11 +106,32 @@ pub(super) struct PacketTransfer {
 }
 
 impl PacketTransfer {
+    /// Of a table and what its bends are bounded by, of light that may be off by `allowed` along a
+    /// ray with so much light expected from `behind`, through a domain of a `longest` way.
+    pub(super) fn new(
+        (table, close): (TransferTable, TransferPieces),
+        (allowed, behind): (Option<f64>, f64),
+        longest: f64,
+    ) -> Self {
+        Self { number: next_number(), table, close, allowed, longest, behind }
+    }
+
+    /// The same for another goal.
+    pub(super) fn aim(&mut self, allowed: f64, behind: f64) {
+        (self.number, self.allowed, self.behind) = (next_number(), Some(allowed), behind);
+    }
+
     /// Emission, relative to the table's, that weighs as much as the table's largest extinction.
     pub(super) fn darkening(&self) -> f32 {
         let light = self.table.extinction * self.behind.max(1.0) / self.table.emission;
         light.min(f64::from(f32::MAX)) as f32
     }
+}
+
+/// Rates that are kept with bricks are known by it; nothing else depends on it.
+fn next_number() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    NEXT.fetch_add(1, Ordering::Relaxed)
 }
 
 /// The groups of a brick, as packets see them. Its memory is reused from brick to brick.
@@ -122,7 +158,7 @@ impl Grades {
     /// corner.
     pub(super) fn fill(
         &mut self,
-        (relief, hides): (&Relief, bool),
+        (relief, kept, hides): (&Relief, &KeptRates, bool),
         (diagonal, care): (f64, Care),
         has_squares: bool,
         transfer: &PacketTransfer,
@@ -131,8 +167,10 @@ impl Grades {
         let count = relief.count();
         (self.parts, self.share) = (care.parts(), care.share_of_cell());
         let grader = Grader { transfer, reach, diagonal, parts: f64::from(self.parts) };
-        self.rates.clear();
-        self.rates.extend((0..count).map(|n| grader.grade(relief.group(n))));
+        let key = Key { transfer: transfer.number, hides, parts: self.parts };
+        kept.fill(key, &mut self.rates, |rates| {
+            rates.extend((0..count).map(|n| grader.grade(relief.group(n))));
+        });
         self.fit = self.rates.iter().filter(|rate| **rate != UNFIT).count();
         self.stored.clear();
         let (most, slope) = (relief.whole.storage.most(), relief.whole.storage.slope());
@@ -145,7 +183,7 @@ impl Grades {
             self.reliefs.extend((0..count).map(|n| row(relief.group(n))));
             self.reliefs.push(row(&relief.whole));
             self.reach = up(reach + most);
-            self.is_fit_for_wide = grader.smoothness_of(&relief.whole).is_some();
+            self.is_fit_for_wide = grader.is_smooth(&relief.whole);
         }
     }
 
@@ -181,6 +219,11 @@ fn row(group: &Group) -> [f32; 8] {
     [x, y, z, p, q, r, group.high - group.low, 0.0].map(up)
 }
 
+/// Whether a group has values, and no void.
+fn is_full(group: &Group) -> bool {
+    group.low <= group.high && !group.has_void
+}
+
 struct Grader<'g> {
     transfer: &'g PacketTransfer,
     reach: f64,
@@ -189,17 +232,24 @@ struct Grader<'g> {
 }
 
 impl Grader<'_> {
-    /// What the transfer function does over a group, if that is smooth and without void.
-    fn smoothness_of(&self, group: &Group) -> Option<Smoothness> {
+    /// The values of a group, and what they may be in truth.
+    fn range(&self, group: &Group) -> [f64; 2] {
         let reach = self.reach + group.storage.most();
-        let close = &self.transfer.close.merged;
-        let is_full = group.low <= group.high && !group.has_void;
-        let smoothness = is_full.then(|| close.smoothness(group.low - reach, group.high + reach));
-        smoothness.filter(|smoothness| !smoothness.steps)
+        [group.low - reach, group.high + reach]
+    }
+
+    /// Whether a group is without void, and the transfer function without steps over it.
+    fn is_smooth(&self, group: &Group) -> bool {
+        let [low, high] = self.range(group);
+        is_full(group) && self.transfer.close.merged.over(low, high).jumps == Change::default()
     }
 
     fn grade(&self, group: &Group) -> u32 {
-        let Some(smoothness) = self.smoothness_of(group) else { return UNFIT };
+        let [low, high] = self.range(group);
+        let smoothness = self.transfer.close.merged.smoothness(low, high);
+        if !is_full(group) || smoothness.steps {
+            return UNFIT;
+        }
         let off = self.off(group, &smoothness);
         let most = self.allowed(&smoothness).times(FITTING);
         let is_fit = off.emission <= most.emission && off.extinction <= most.extinction;

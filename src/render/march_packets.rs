@@ -155,7 +155,8 @@ impl Packets {
         if brick.narrow[0].values.is_empty() {
             return false;
         }
-        self.grades.fill((&brick.relief, hides), (diagonal, care), has_squares, transfer);
+        let looks = (&brick.relief, &brick.rates, hides);
+        self.grades.fill(looks, (diagonal, care), has_squares, transfer);
         self.kinds.clear();
         if self.grades.fit == 0 {
             return false;

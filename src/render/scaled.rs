@@ -3,6 +3,7 @@
 use super::blocks::{EXISTING, NarrowBlock, ScaledBlock, gather_corners, held};
 use super::cell_shades::CellShades;
 use super::fill::{Above, fill_holes, fill_outside};
+use super::grade::KeptRates;
 use super::lanes::BYTE_PADDING;
 use super::margin::Core;
 use super::packet::MOST_PARENTS;
@@ -55,6 +56,8 @@ pub struct ScaledBrick {
     pub(super) shades: CellShades,
     /// How far values differ near any place; empty where no one asks.
     pub(super) relief: Relief,
+    /// What packets have found out by it.
+    pub(super) rates: KeptRates,
     /// Whether `prepare` was asked for `cell`.
     is_piecewise_constant: bool,
     /// Where holes do not reach, and the brick as the next coarser level has it, which takes the
@@ -95,7 +98,7 @@ impl ScaledBrick {
                 9 * shape.cells_in_blocks(blocks) + duals + of_narrow + BYTE_PADDING * narrow
             }
         };
-        (values + heads) as u64 + Relief::bytes(shape.edge())
+        (values + heads) as u64 + Relief::bytes(shape.edge()) + KeptRates::bytes(shape.edge())
     }
 
     /// Fills the brick from `raw`, the payload of the brick at `place`; `mapping` takes stored
@@ -149,6 +152,7 @@ impl ScaledBrick {
         self.duals.clear();
         self.shades.clear();
         self.relief.clear();
+        self.rates.clear();
         self.narrow.iter_mut().for_each(NarrowBlock::clear);
         self.core = None;
     }

@@ -214,8 +214,7 @@ impl<'s> Studio<'s> {
             goal.tolerance = FIRST_TRY * limit;
             goal.behind = largest;
             if let Some(packets) = &mut picture.light.packets {
-                packets.allowed = Some(PACKET_SHARE * goal.tolerance);
-                packets.behind = goal.behind;
+                packets.aim(PACKET_SHARE * goal.tolerance, goal.behind);
             }
             picture.method = Method::Within(*goal);
         }
@@ -297,7 +296,7 @@ impl<'s> Studio<'s> {
         let close = self.transfer(CLOSE * allowed.unwrap_or(0.0));
         let longest = diagonal(&self.cache.header().domain);
         let table = TransferTable::new(&self.exact.all, &close.merged);
-        PacketTransfer { table, close, allowed, longest, behind }
+        PacketTransfer::new((table, close), (allowed, behind), longest)
     }
 
     /// Values that are constant in each cell need no simpler formulas.
