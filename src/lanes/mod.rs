@@ -1,8 +1,8 @@
 //! Arithmetic on several rays at once: one kernel, written once, runs on AVX-512, AVX2 or plain
 //! arrays, whichever the processor has.
 //!
-//! A kernel is a [`Kernel`]: a function generic over [`Lanes`]. Each lane is on its own: nothing a
-//! lane computes depends on the lanes beside it, so that how rays are grouped never shows. A kernel
+//! A kernel is a [`Kernel`]: a function generic over [`Lanes`]. Each ray is on its own: nothing it
+//! finds depends on the rays beside it, so that how rays are grouped never shows. A kernel
 //! that is plain loops over slices leaves its lanes alone, and the compiler uses registers of
 //! their width.
 
@@ -67,6 +67,8 @@ pub(super) trait Lanes: Copy {
     /// Whether bit `bit` of an index is set.
     fn has_bit(self, index: Self::Index, bit: u32) -> Self::Mask;
     fn is_index(self, a: Self::Index, value: u32) -> Self::Mask;
+    /// In each lane what `x` is in the lane that its index names, modulo the number of lanes.
+    fn deal(self, x: Self::Float, lanes: Self::Index) -> Self::Float;
     /// `table[index + offset]`, of the last element where that is beyond it.
     fn gather(self, table: &[f32], index: Self::Index, offset: usize) -> Self::Float;
     /// Two neighbours: `table[index + offset]` and the next, of the last two where they are beyond.

@@ -110,6 +110,10 @@ impl Lanes for Portable {
         each(|n| index[n] >> bit & 1 == 1)
     }
     #[inline(always)]
+    fn deal(self, x: Self::Float, lanes: Self::Index) -> Self::Float {
+        each(|n| x[lanes[n] as usize % COUNT])
+    }
+    #[inline(always)]
     fn is_index(self, a: Self::Index, value: u32) -> Self::Mask {
         each(|n| a[n] == value)
     }

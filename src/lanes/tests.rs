@@ -53,6 +53,7 @@ impl Kernel for &Everything {
             l.float(byte),
             choice(l.has_bit(byte, 2)),
             choice(l.is_index(byte, 7)),
+            l.deal(a, l.index(l.min(l.max(b, l.splat(0.0)), l.splat(7.0)))),
         ];
         let mut found: Found = vec![[0.0; MOST_LANES]; values.len()];
         for (value, found) in values.into_iter().zip(&mut found) {

@@ -116,6 +116,7 @@ impl Lanes for Avx512 {
     method!(is_index(a: __m512i, value: u32) -> __mmask16 {
         _mm512_cmpeq_epi32_mask(a, _mm512_set1_epi32(value.cast_signed()))
     });
+    method!(deal(x: __m512, lanes: __m512i) -> __m512 { _mm512_permutexvar_ps(lanes, x) });
     method!(upper_half(index: __m512i) -> __m512 {
         _mm512_castsi512_ps(_mm512_slli_epi32::<16>(_mm512_srli_epi32::<16>(index)))
     });
@@ -233,6 +234,7 @@ impl Lanes for Avx2 {
     method!(is_index(a: __m256i, value: u32) -> __m256 {
         _mm256_castsi256_ps(_mm256_cmpeq_epi32(a, _mm256_set1_epi32(value.cast_signed())))
     });
+    method!(deal(x: __m256, lanes: __m256i) -> __m256 { _mm256_permutevar8x32_ps(x, lanes) });
     method!(upper_half(index: __m256i) -> __m256 {
         _mm256_castsi256_ps(_mm256_slli_epi32::<16>(_mm256_srli_epi32::<16>(index)))
     });

@@ -9,6 +9,7 @@
 
 use super::Ground;
 use super::cube::{Bend, Cube, Skew};
+use super::deal::Deal;
 use super::rows::distance;
 use crate::render::lanes::{BYTE_PADDING, Lanes};
 
@@ -209,6 +210,24 @@ impl<L: Lanes> Part<L> {
         part
     }
 
+    /// Of the rays whose parts are dealt.
+    #[inline(always)]
+    pub(super) fn dealt(&self, l: L, deal: &Deal<L>) -> Self {
+        let missing = dealt(l, self.missing, deal);
+        let mut part = Self { missing, parents: self.parents, depth: self.depth };
+        for n in 0..self.depth {
+            let level = &mut part.parents[n];
+            level.missing = dealt(l, level.missing, deal);
+            level.cube = level.cube.dealt(l, deal);
+            for a in 0..3 {
+                level.within[a] = deal.ray_of(l, level.within[a]);
+            }
+            level.length = deal.ray_of(l, level.length);
+            level.bend = level.bend.dealt(l, deal);
+        }
+        part
+    }
+
     /// The interpolant at `place` in the dual cell, where the level's own is `x`, and what it
     /// comes from.
     #[inline(always)]
@@ -276,6 +295,12 @@ impl<L: Lanes> Part<L> {
         }
         above
     }
+}
+
+/// A small number, of the rays whose parts are dealt.
+#[inline(always)]
+fn dealt<L: Lanes>(l: L, number: L::Index, deal: &Deal<L>) -> L::Index {
+    l.index(deal.ray_of(l, l.float(number)))
 }
 
 impl<L: Lanes> Level<L> {

@@ -12,8 +12,9 @@
 //! with the transmittance in front.
 #![allow(clippy::needless_range_loop)]
 
+use super::gain::{DARK, through};
 use super::rows::is_less;
-use super::sums::{DARK, Sums, through};
+use super::sums::Sums;
 use super::walk::{Exit, Long, Walk};
 use super::{Ground, Packet, add_off, go_on, rates_at};
 use crate::render::lanes::Lanes;

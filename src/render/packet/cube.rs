@@ -1,6 +1,7 @@
 //! The interpolant in a dual cell, and how it may bend.
 #![allow(clippy::needless_range_loop)]
 
+use super::deal::Deal;
 use super::rows::distance;
 use crate::render::lanes::Lanes;
 
@@ -53,6 +54,16 @@ impl<L: Lanes> Cube<L> {
             fourth: zero,
             kink: zero,
         }
+    }
+
+    /// Of the rays whose parts are dealt.
+    #[inline(always)]
+    pub(super) fn dealt(mut self, l: L, deal: &Deal<L>) -> Self {
+        for n in 0..4 {
+            self.lower[n] = deal.ray_of(l, self.lower[n]);
+            self.rise[n] = deal.ray_of(l, self.rise[n]);
+        }
+        self
     }
 
     /// The interpolant at `u`.
@@ -125,6 +136,17 @@ impl<L: Lanes> Bend<L> {
             third: l.select(lanes, self.third, other.third),
             fourth: l.select(lanes, self.fourth, other.fourth),
             kink: l.select(lanes, self.kink, other.kink),
+        }
+    }
+
+    /// Of the rays whose parts are dealt.
+    #[inline(always)]
+    pub(super) fn dealt(self, l: L, deal: &Deal<L>) -> Self {
+        Self {
+            second: deal.ray_of(l, self.second),
+            third: deal.ray_of(l, self.third),
+            fourth: deal.ray_of(l, self.fourth),
+            kink: deal.ray_of(l, self.kink),
         }
     }
 

@@ -16,6 +16,8 @@ mod bends;
 mod blended;
 mod cells;
 mod cube;
+mod deal;
+mod gain;
 mod rows;
 mod square;
 mod sums;
@@ -25,10 +27,11 @@ pub(super) use self::blended::{MOST_PARENTS, Parents};
 
 use self::blended::{Along, Bends, Part, is_crooked};
 use self::cube::{Cube, Skew};
+pub(super) use self::gain::DEEPEST;
+use self::gain::{Steep, Stretch};
 use self::rows::is_less;
 use self::square::{Shift, Squares};
-pub(super) use self::sums::DEEPEST;
-use self::sums::{Steep, Stretch, Sums, Terms};
+use self::sums::Sums;
 use self::walk::{Exit, Walk};
 use super::lanes::{Kernel, Lanes, MOST_LANES, Row};
 use super::scaled::dual;
@@ -231,7 +234,8 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
 ) {
     let mut walk = Walk::new(l, ground, packet);
     let (bends, skew) = (Bends::new(l, walk.direction()), Skew::new(l, walk.direction()));
-    let (mut sums, terms) = (Sums::load(l, packet), Terms::load(l, packet));
+    let mut sums = Sums::load(l, packet);
+    let (thickness, allowed) = (l.load(&packet.thickness), l.load(&packet.allowed));
     let (squares, has_squares) = (Squares::load(l, packet), !ground.reliefs.is_empty());
     let fade = l.load(&packet.fade);
     let mut active = l.mask(packet.active);
@@ -263,6 +267,18 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
         let emission_off = l.select(active, l.upper_half(bits), zero);
         let extinction_off = l.select(active, l.lower_half(bits), zero);
         let stored = l.gather_row(ground.stored, group);
+        let stretch = Stretch {
+            cube: &cube,
+            bend: cube.bend(l, &skew, (walk.place, way)),
+            part: None,
+            place: walk.place,
+            direction: walk.direction(),
+            from: zero,
+            way,
+            thickness,
+            rate: extinction_off,
+            stored,
+        };
         let mut steep = Steep::none(l);
         let shift = if has_squares {
             squares.shift(l, ground, (&walk, way, group), BLENDED)
@@ -281,9 +297,8 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
                 let along = Along { from: walk.behind(from), middle, length, skew: &skew };
                 let part = Part::new(l, ground, (&walk.cell, exists, ahead), along);
                 let bend = cube.bend(l, &skew, (along.from, length));
-                let (cube, part, rate) = (&cube, Some(&part), extinction_off);
-                let stretch = Stretch { cube, bend, part, from, way: length, rate, stored };
-                let passed = sums.pass::<ABSORBS>(l, ground, (&walk, &terms, ahead), stretch);
+                let stretch = Stretch { bend, part: Some(&part), from, way: length, ..stretch };
+                let passed = sums.pass::<ABSORBS>(l, ground, (allowed, ahead), &stretch);
                 count += passed.count;
                 if has_squares {
                     shift.add::<ABSORBS>(l, ground, packet, (&passed, length), ahead);
@@ -293,10 +308,7 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
                 from = l.select(ahead, to, from);
             }
         } else {
-            let bend = cube.bend(l, &skew, (walk.place, way));
-            let (cube, from, rate) = (&cube, zero, extinction_off);
-            let stretch = Stretch { cube, bend, part: None, from, way, rate, stored };
-            let passed = sums.pass::<ABSORBS>(l, ground, (&walk, &terms, active), stretch);
+            let passed = sums.pass::<ABSORBS>(l, ground, (allowed, active), &stretch);
             count += passed.count;
             if has_squares {
                 shift.add::<ABSORBS>(l, ground, packet, (&passed, way), active);

@@ -15,6 +15,20 @@ pub(super) fn store<L: Lanes>(l: L, values: &[L::Float; 3], rows: &mut [Row; 3])
     }
 }
 
+/// Where what sets off at `place` in a direction is after a way.
+#[inline(always)]
+pub(super) fn behind<L: Lanes>(
+    l: L,
+    mut place: [L::Float; 3],
+    direction: [L::Float; 3],
+    way: L::Float,
+) -> [L::Float; 3] {
+    for a in 0..3 {
+        place[a] = l.fma(direction[a], way, place[a]);
+    }
+    place
+}
+
 /// Whether a < b; not where either is no number.
 #[inline(always)]
 pub(super) fn is_less<L: Lanes>(l: L, a: L::Float, b: L::Float) -> L::Mask {

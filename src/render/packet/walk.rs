@@ -1,7 +1,7 @@
 //! The walk of a packet from cell to cell.
 #![allow(clippy::needless_range_loop)]
 
-use super::rows::{distance, load, store};
+use super::rows::{behind, distance, load, store};
 use super::{Ground, Packet};
 use crate::render::lanes::Lanes;
 use crate::render::relief::GROUP_EDGE;
@@ -131,11 +131,7 @@ impl<L: Lanes> Walk<L> {
     /// Where rays are `way` behind `place`.
     #[inline(always)]
     pub(super) fn behind(&self, way: L::Float) -> [L::Float; 3] {
-        let mut place = self.place;
-        for a in 0..3 {
-            place[a] = self.l.fma(self.direction[a][0], way, place[a]);
-        }
-        place
+        behind(self.l, self.place, self.direction(), way)
     }
 
     /// Whether the dual cell is neither the first nor the last that is drawn along an axis.
