@@ -12,8 +12,8 @@
 //! with the transmittance in front.
 #![allow(clippy::needless_range_loop)]
 
-use super::gain::{DARK, through};
 use super::rows::is_less;
+use super::shade::{DARK, through};
 use super::sums::Sums;
 use super::walk::{Exit, Long, Walk};
 use super::{Ground, Packet, add_off, go_on, rates_at};

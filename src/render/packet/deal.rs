@@ -66,3 +66,94 @@ impl<L: Lanes> Deal<L> {
         in_front
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::array::from_fn;
+
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::render::lanes::{Kernel, Width};
+
+    /// Deals parts, of a depth each, of the rays in `lanes`, which have come through `before`.
+    struct Dealt {
+        lanes: u32,
+        parts: u32,
+        before: [f32; MOST_LANES],
+        depths: [f32; MOST_LANES],
+    }
+
+    /// What is found in each lane.
+    struct Found {
+        rays: u32,
+        abreast: u32,
+        numbers: [f32; MOST_LANES],
+        ray_of: [f32; MOST_LANES],
+        in_front: [f32; MOST_LANES],
+        /// For each part the lane that it is in, in its ray's lane.
+        parts: Vec<[f32; MOST_LANES]>,
+    }
+
+    fn stored<L: Lanes>(l: L, x: L::Float) -> [f32; MOST_LANES] {
+        let mut row = Row::ZERO;
+        l.store(x, &mut row);
+        row.0
+    }
+
+    impl Kernel for &Dealt {
+        type Output = Found;
+
+        #[inline(always)]
+        fn run<L: Lanes>(self, l: L) -> Found {
+            let deal = Deal::new(l, self.lanes & ((1 << L::COUNT) - 1), self.parts);
+            let lanes = l.load(&Row(from_fn(|n| n as f32)));
+            let (before, depths) = (l.load(&Row(self.before)), l.load(&Row(self.depths)));
+            let mut parts = Vec::new();
+            for n in 0..deal.abreast {
+                parts.push(stored(l, l.float(deal.part(l, n))));
+            }
+            Found {
+                rays: deal.rays,
+                abreast: deal.abreast,
+                numbers: stored(l, deal.number),
+                ray_of: stored(l, deal.ray_of(l, lanes)),
+                in_front: stored(l, deal.in_front(l, before, depths)),
+                parts,
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn parts_lie_behind_each_other_in_lanes_of_their_own(
+            lanes in any::<u32>(),
+            parts in prop_oneof![Just(4_u32), Just(16), Just(64)],
+            before in prop::array::uniform16(0.0..9.0_f32),
+            depths in prop::array::uniform16(0.0..9.0_f32),
+        ) {
+            // The narrowest kinds have 8 lanes, one of which is to have a ray.
+            let dealt = Dealt { lanes: lanes | 0x10, parts, before, depths };
+            for width in Width::all() {
+                let found = width.run(&dealt);
+                let (count, abreast) = (width.count(), found.abreast as usize);
+                prop_assert_eq!(abreast, count.min(parts as usize));
+                let open = dealt.lanes & ((1 << count) - 1);
+                let rays: Vec<_> = (0..count).filter(|ray| open >> ray & 1 == 1).collect();
+                let rays = &rays[..rays.len().min(count / abreast)];
+                prop_assert_eq!(found.rays, rays.iter().fold(0, |bits, ray| bits | 1 << ray));
+                for (place, ray) in rays.iter().enumerate() {
+                    let mut depth = before[*ray];
+                    for n in 0..abreast {
+                        let lane = place * abreast + n;
+                        prop_assert_eq!(found.parts[n][*ray], lane as f32);
+                        prop_assert_eq!(found.ray_of[lane], *ray as f32);
+                        prop_assert_eq!(found.numbers[lane], n as f32);
+                        prop_assert_eq!(found.in_front[lane], depth);
+                        depth += depths[lane];
+                    }
+                }
+            }
+        }
+    }
+}

@@ -19,6 +19,7 @@ mod cube;
 mod deal;
 mod gain;
 mod rows;
+mod shade;
 mod square;
 mod sums;
 mod walk;
