@@ -245,9 +245,12 @@ impl Grader<'_> {
     }
 
     fn grade(&self, group: &Group) -> u32 {
+        if !is_full(group) {
+            return UNFIT;
+        }
         let [low, high] = self.range(group);
         let smoothness = self.transfer.close.merged.smoothness(low, high);
-        if !is_full(group) || smoothness.steps {
+        if smoothness.steps {
             return UNFIT;
         }
         let off = self.off(group, &smoothness);
