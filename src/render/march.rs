@@ -170,18 +170,27 @@ pub(super) fn arrive(
     beam: &Beam,
     (state, error): (&RayState, &mut RayError),
 ) -> Spread {
+    let spread = spread_of(ray, (region, span), beam);
     if !beam.is_square() {
-        return (beam.spread, beam.angle);
+        return spread;
     }
-    let depth = if ray.sigma_min.is_finite() {
+    let mut ledger = Ledger::new(&passage.brick.relief, error, passage.hides, spread);
+    look_beside(&mut ledger, ray, region, beam, span, state);
+    spread
+}
+
+/// How far the rays of a square are from `ray` at most, in a brick of which it meets `span` or nothing.
+pub(super) fn spread_of(
+    ray: &LocalRay,
+    (region, span): (&Region, Option<(f64, f64)>),
+    beam: &Beam,
+) -> Spread {
+    let depth = if beam.is_square() && ray.sigma_min.is_finite() {
         (beam.depth + farthest(ray, region, beam, span)).max(0.0)
     } else {
         1.0
     };
-    let spread = (beam.spread.map(|spread| spread * depth), beam.angle);
-    let mut ledger = Ledger::new(&passage.brick.relief, error, passage.hides, spread);
-    look_beside(&mut ledger, ray, region, beam, span, state);
-    spread
+    (beam.spread.map(|spread| spread * depth), beam.angle)
 }
 
 /// A ray has come through `span` of a brick, when its account was as `before`.

@@ -49,6 +49,9 @@ pub(super) enum Accounts<'a> {
     Alone(f64),
     /// Of the squares that they stand for.
     Squares(&'a [Beam]),
+    /// Of the squares of rays in whose place they are marched, but for where these enter and leave
+    /// the brick.
+    Proxies(&'a [Beam]),
 }
 
 impl<'a> Accounts<'a> {
@@ -56,12 +59,20 @@ impl<'a> Accounts<'a> {
         !matches!(self, Self::None)
     }
 
+    /// The squares that rays stand for.
+    fn squares(self) -> &'a [Beam] {
+        match self {
+            Self::Squares(beams) | Self::Proxies(beams) => beams,
+            Self::None | Self::Alone(_) => &[],
+        }
+    }
+
     /// What the ray of a number among these stands for.
     pub(super) fn beam(self, n: usize) -> Option<Beam> {
         match self {
             Self::None => None,
             Self::Alone(depth) => Some(Beam::alone(depth)),
-            Self::Squares(beams) => beams.get(n).copied(),
+            Self::Squares(beams) | Self::Proxies(beams) => beams.get(n).copied(),
         }
     }
 
@@ -69,6 +80,7 @@ impl<'a> Accounts<'a> {
     fn among(self, rays: std::ops::Range<usize>) -> Self {
         match self {
             Self::Squares(beams) => Self::Squares(&beams[rays]),
+            Self::Proxies(beams) => Self::Proxies(&beams[rays]),
             other => other,
         }
     }
@@ -217,7 +229,7 @@ impl Packets {
             storages: &passage.brick.shades.storages,
             stored: &self.grades.stored,
             storage: self.grades.storage,
-            reliefs: &self.grades.reliefs,
+            reliefs: if accounts.squares().is_empty() { &[] } else { &self.grades.reliefs },
             reach: self.grades.reach,
             groups: passage.brick.relief.side(),
             table: &transfer.table,

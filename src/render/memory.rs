@@ -6,6 +6,7 @@ use super::load::{BrickLoader, BrickScratch};
 use super::rays::PixelGrid;
 use super::refine::Sheet;
 use super::scaled::ScaledBrick;
+use super::thin::Thinner;
 use super::tile::Tile;
 use crate::cache::{BrickShape, Cache, Cursor, WINDOW_BYTES};
 use crate::image::{Film, MOST_WRITERS};
@@ -26,9 +27,12 @@ const AHEAD_SLOTS: usize = 2;
 const WRITING_PER_COLUMN: u64 = 4 * 16 * 16;
 /// The rest of what writing takes, on each thread.
 const WRITING_FIXED: u64 = 1 << 20;
-/// Index windows beyond the fewest, and threads beyond one that write, take at most this part of
-/// what is left.
+/// Index windows beyond the fewest, threads beyond one that write, and thinner bricks, take at most
+/// this part of what is left.
 const EXTRA_SHARE: u64 = 8;
+/// Bricks of which a thread keeps thinner ones, at most: as many as rays of a tile may meet, with
+/// some to spare.
+const MOST_THINNED: u64 = 512;
 
 /// How a picture divides its memory limit. The fewest bytes depend on picture, cache and threads
 /// only, never on the limit.
@@ -42,6 +46,8 @@ pub struct MemoryPlan {
     pub slots: usize,
     /// Threads that write the picture.
     pub writers: usize,
+    /// Bricks of which each marching thread may keep thinner ones.
+    pub thinned: usize,
     /// What takes how much, bytes.
     parts: Vec<(&'static str, u64)>,
 }
@@ -64,8 +70,9 @@ struct Demand {
     /// One thread's decoder and buffers; and its rays and what it marches them by.
     scratch: u64,
     tile: u64,
-    /// A slot with a brick of the largest kind.
+    /// A slot with a brick of the largest kind; and thinner ones of such.
     slot: u64,
+    thinned: u64,
     /// Whether all bricks stay.
     resident: bool,
 }
@@ -105,6 +112,7 @@ impl MemoryPlan {
                 scratch: BrickScratch::bytes(cache),
                 tile: Tile::bytes(header.shape, blocks) + Sheet::BYTES,
                 slot: loaded_bytes(header.shape, blocks, interpolation),
+                thinned: Thinner::bytes_kept(header.shape),
                 resident: options.resident,
             },
             options.memory,
@@ -131,17 +139,22 @@ impl MemoryPlan {
         let more_writers =
             (threads.min(MOST_WRITERS as u64) - 1).min(left / EXTRA_SHARE / writing(demand));
         let left = left - more_writers * writing(demand);
+        let thinned =
+            (left / EXTRA_SHARE / threads / demand.thinned.max(1)).min(MOST_THINNED.min(bricks));
+        let left = left - thinned * threads * demand.thinned;
         let more_slots = (left / demand.slot.max(1)).min(bricks.saturating_sub(fewest_slots));
         let (windows, slots) = (fewest_windows + more_windows, fewest_slots + more_slots);
         parts.push(("the index", windows * WINDOW_BYTES));
         parts.push(("the brick pool", slots * demand.slot));
         parts.push(("writing on more threads", more_writers * writing(demand)));
+        parts.push(("bricks in fewer cells", thinned * threads * demand.thinned));
         let count = |n: u64| usize::try_from(n).unwrap_or(usize::MAX);
         Ok(Self {
             readers: count(readers),
             windows: count(windows),
             slots: count(slots),
             writers: 1 + count(more_writers),
+            thinned: count(thinned),
             parts,
         })
     }
@@ -208,6 +221,7 @@ mod tests {
             scratch: cache.2,
             tile: cache.2 / 2,
             slot: cache.3,
+            thinned: cache.3 / 4,
             resident: cache.4,
         })
     }

@@ -67,7 +67,7 @@ impl<'s> Setting<'s> {
         Self { passage, exact, light: Light { pieces: &exact.all, ending, packets } }
     }
 
-    fn alone(&self, rays: &[LocalRay]) -> Vec<RayState> {
+    pub(super) fn alone(&self, rays: &[LocalRay]) -> Vec<RayState> {
         let mut states = vec![RayState::default(); rays.len()];
         for (ray, state) in rays.iter().zip(&mut states) {
             march(&self.passage, ray, &self.light, state, None);

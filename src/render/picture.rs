@@ -36,6 +36,8 @@ pub(super) struct Picture<'r, 's> {
     /// The transfer function without simplifications, by which bricks are surveyed.
     pub(super) exact: &'r PieceList,
     pub(super) pool: &'r Pool<'s, BrickLoader<'s>>,
+    /// Bricks of which each marching thread may keep thinner ones.
+    pub(super) thinned: usize,
     pub(super) film: Mutex<Film>,
     /// How far each tile may be off.
     pub(super) errors: Mutex<Vec<TileError>>,
@@ -163,7 +165,7 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
             picture,
             ahead,
             scratch,
-            tile: Tile::new(),
+            tile: Tile::new(picture.thinned),
             queue: VecDeque::with_capacity(STEPS_AHEAD),
             pins: Pins::new(levels),
             samples: vec![0; levels],

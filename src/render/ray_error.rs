@@ -91,12 +91,34 @@ impl Sums {
         }
     }
 
+    pub(super) fn max(self, other: Self) -> Self {
+        Self {
+            emission: self.emission.max(other.emission),
+            dimmed: self.dimmed.max(other.dimmed),
+            extinction: self.extinction.max(other.extinction),
+        }
+    }
+
     pub(super) fn times(self, factor: f64) -> Self {
         Self {
             emission: self.emission * factor,
             dimmed: self.dimmed * factor,
             extinction: self.extinction * factor,
         }
+    }
+
+    /// The same where so many times as much of what is seen comes through.
+    fn seen_through(self, transmittance: f64) -> Self {
+        Self {
+            emission: self.emission * transmittance,
+            dimmed: self.dimmed * transmittance,
+            extinction: self.extinction,
+        }
+    }
+
+    /// What a ray is off by, with so much light `behind`.
+    pub(super) fn light(self, behind: f64) -> f64 {
+        (self.emission + product(self.dimmed, behind)).max(self.dimmed)
     }
 
     /// ∫ T̃·(|Δj| + |Δκ|·L) ds where L is at most `brightest`, and the light in ∫ |Δκ|·T̃·L ds what
@@ -121,6 +143,8 @@ pub(super) struct RayError {
     pub(super) storage: Sums,
     /// By the march of packets of rays.
     pub(super) march: Sums,
+    /// By proxies, rays that were marched in its place.
+    proxies: Sums,
     /// Largest difference of any ray of the ray's square to its centre's.
     pub(super) farthest: Sums,
     /// Difference of the square's mean to its centre's ray, by what does not cancel between
@@ -143,6 +167,31 @@ pub(super) struct Products {
     dimmed: f64,
 }
 
+/// What rays are off by that take what others have gathered in a brick, by cause, for a transmittance
+/// of 1 in front of it.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Lent {
+    levels: Sums,
+    storage: Sums,
+    march: Sums,
+    /// Difference of the rays.
+    pub(super) apart: Sums,
+    quadrature: f64,
+}
+
+impl Lent {
+    /// The larger of each: what a mean of both is off by, whatever their shares.
+    pub(super) fn max(self, other: &Self) -> Self {
+        Self {
+            levels: self.levels.max(other.levels),
+            storage: self.storage.max(other.storage),
+            march: self.march.max(other.march),
+            apart: self.apart.max(other.apart),
+            quadrature: self.quadrature.max(other.quadrature),
+        }
+    }
+}
+
 /// How far a picture may be off, by cause; in its own unit.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
 pub struct ErrorShares {
@@ -150,7 +199,7 @@ pub struct ErrorShares {
     pub levels: f64,
     /// Transfer function and integrals replaced by simpler ones.
     pub quadrature: f64,
-    /// Pixels' areas replaced by finitely many rays.
+    /// Pixels' areas replaced by finitely many rays, and rays by others beside them.
     pub pixel_area: f64,
     /// Stored values that are not the source's: f32, or `ingest --error`.
     pub storage: f64,
@@ -194,7 +243,7 @@ const STORED: f64 = 6e-8;
 impl RayError {
     /// All but what a square makes.
     fn of_itself(&self) -> Sums {
-        self.levels.plus(self.storage).plus(self.march)
+        self.levels.plus(self.storage).plus(self.march).plus(self.proxies)
     }
 
     /// What was added since the account was as `before`, of what the ray itself is off by, lies behind
@@ -210,7 +259,33 @@ impl RayError {
     /// ∫ |Δκ| ds of all but what a square makes.
     #[inline]
     pub(super) fn own_extinction(&self) -> f64 {
-        self.levels.extinction + self.storage.extinction + self.march.extinction
+        let packets = self.march.extinction + self.proxies.extinction;
+        self.levels.extinction + self.storage.extinction + packets
+    }
+
+    /// What a ray adds to the accounts of others in whose place it was marched, with so much
+    /// `transmittance` at the start: it stands for a square that holds them.
+    pub(super) fn lent(&self, transmittance: f64) -> Lent {
+        let seen = |sums: Sums| sums.seen_through(transmittance.recip());
+        Lent {
+            levels: seen(self.levels),
+            storage: seen(self.storage),
+            march: seen(self.march),
+            apart: seen(self.farthest),
+            quadrature: self.quadrature / transmittance,
+        }
+    }
+
+    /// Adds what was lent to a ray with so much `transmittance` that had gathered so much `light`.
+    pub(super) fn borrow(&mut self, lent: &Lent, transmittance: f64, light: [f64; 3]) {
+        let before = self.own_extinction();
+        let seen = |sums: Sums| sums.seen_through(transmittance);
+        self.levels = self.levels.plus(seen(lent.levels));
+        self.storage = self.storage.plus(seen(lent.storage));
+        self.march = self.march.plus(seen(lent.march));
+        self.proxies = self.proxies.plus(seen(lent.apart));
+        self.quadrature += lent.quadrature * transmittance;
+        self.place_behind(light, before);
     }
 
     /// All that may differ between the ray and any other of its square.
@@ -255,8 +330,9 @@ impl RayError {
         };
         let own = beside.bound(|extinction| self.absorbed(extinction, gathered), brightest);
         // Together they make no more than all at once.
-        let [levels, storage, march] = [self.levels, self.storage, self.march].map(bound);
-        let apart = levels + storage + march;
+        let causes = [self.levels, self.storage, self.march, self.proxies];
+        let [levels, storage, march, proxies] = causes.map(bound);
+        let apart = levels + storage + march + proxies;
         let share = if own < apart { own / apart } else { 1.0 };
         // Offsets within a square are on average half the largest.
         let mean = bound(self.farthest.times(0.5));
@@ -266,7 +342,7 @@ impl RayError {
         ErrorShares {
             levels: share * levels,
             quadrature: self.quadrature + share * march,
-            pixel_area: mean.min(bound(self.uneven) + twice).min(most),
+            pixel_area: mean.min(bound(self.uneven) + twice).min(most) + share * proxies,
             storage: share * storage,
             termination,
             rounding: (INTEGRATION + STORED) * largest.max(opacity),

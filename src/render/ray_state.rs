@@ -106,6 +106,27 @@ impl RayState {
         }
     }
 
+    /// At a brick's front, where light that comes from behind is so much `transmittance` of it.
+    pub(super) fn behind(transmittance: f64) -> Self {
+        let mut state = Self { transmittance, ..Self::default() };
+        state.mark(f64::NEG_INFINITY);
+        state
+    }
+
+    /// Adds what others have gathered in a brick with a transmittance of 1 in front of it: light
+    /// (R, G, B), and the shares of that from behind that they let through and have absorbed, of
+    /// which each is exact where it is small.
+    pub(super) fn take(&mut self, [r, g, b, through, absorbed]: [f64; 5]) {
+        self.gather([r, g, b].map(|light| light * self.transmittance));
+        if absorbed < 0.5 {
+            let absorbed = self.transmittance * absorbed;
+            add(&mut self.transmittance, &mut self.transmittance_excess, -absorbed);
+        } else {
+            self.transmittance *= through;
+            self.transmittance_excess *= through;
+        }
+    }
+
     /// 1 − transmittance, as exact where that is 10⁻³⁰ as elsewhere.
     #[inline]
     pub fn opacity(&self) -> f64 {

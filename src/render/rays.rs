@@ -152,9 +152,14 @@ impl PixelGrid {
         PixelRect { lo: [0; 2], hi: [self.view.width(), self.view.height()] }
     }
 
+    /// (P, Q) of a place, pixels from the picture's left and upper edge.
+    pub fn plane_at(&self, [x, y]: [f64; 2]) -> DVec2 {
+        self.view.plane(x, y)
+    }
+
     /// (P, Q) of a square's centre.
     pub fn plane(&self, square: &Square) -> DVec2 {
-        self.view.plane(square.centre[0], square.centre[1])
+        self.plane_at(square.centre)
     }
 
     /// Half the square's width in P and Q.
@@ -163,7 +168,7 @@ impl PixelGrid {
     }
 
     /// Width and height in P and Q of what a pixel stands for.
-    fn pixel_size(&self) -> DVec2 {
+    pub fn pixel_size(&self) -> DVec2 {
         (self.view.plane(1.0, 1.0) - self.view.plane(0.0, 0.0)).abs() * self.part
     }
 

@@ -338,8 +338,10 @@ impl Next {
             return true;
         }
         let can_be_finer = !matches!(batch.cut, Cut::FullDepth);
-        if can_be_finer && mean.levels > LEVELS_SHARE * room {
-            self.worst = self.worst.max(mean.levels / room);
+        // Of rays that stand for themselves the other part is what proxies make of them.
+        let of_cut = mean.levels + if batch.has_area { 0.0 } else { mean.pixel_area };
+        if can_be_finer && of_cut > LEVELS_SHARE * room {
+            self.worst = self.worst.max(of_cut / room);
             self.finer.extend(found);
             return true;
         }

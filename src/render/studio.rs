@@ -331,6 +331,7 @@ impl<'s> Studio<'s> {
             method,
             exact: &self.exact.all,
             pool: self.pool,
+            thinned: self.plan.thinned,
             film: Mutex::new(Film::new(view.width(), view.height())?),
             errors: Mutex::new(vec![TileError::default(); tiles]),
             progress,

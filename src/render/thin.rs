@@ -28,16 +28,33 @@ const FEWEST_CELLS: usize = 4;
 /// Rays from which on fewer cells are worth the search: marching them takes longer than that.
 pub(super) const FEWEST_RAYS: usize = 64 * MOST_LANES;
 
-/// One thread's thinner bricks. The memory is reused from brick to brick.
+/// One thread's thinner bricks: of the bricks that were thinned last, since the next tile's rays are
+/// likely to meet these too. The memory is reused from brick to brick.
 #[derive(Debug, Default)]
 pub(super) struct Thinner {
-    bricks: [ScaledBrick; MOST_HALVINGS],
+    kept: Vec<Kept>,
+    /// Bricks of which thinner ones may be kept beside that in hand.
+    room: usize,
+    /// Bricks that were asked for.
+    asked: u64,
     surveyor: Surveyor,
     /// Values of cells, ghosts included, before and after they are moved.
     values: [Vec<f64>; 2],
     /// Which of them are those of the finer brick's own interpolant.
     is_own: Vec<bool>,
     comparison: Comparison,
+}
+
+/// Thinner bricks of one.
+#[derive(Debug, Default)]
+struct Kept {
+    /// Its node.
+    node: u64,
+    /// Each of half as many cells as that before; and how many of them there are.
+    bricks: [ScaledBrick; MOST_HALVINGS],
+    made: usize,
+    /// When it was asked for.
+    asked: u64,
 }
 
 /// Buffers for comparing a brick with a thinner one.
@@ -54,16 +71,15 @@ struct Comparison {
 }
 
 impl Thinner {
-    /// Heap bytes at most, for bricks of `shape` with `blocks` blocks.
-    pub(super) fn bytes(shape: BrickShape, blocks: usize) -> u64 {
-        let mut bytes = Halves::bytes(shape.edge(), blocks) + Halves::bytes(shape.edge(), 1);
-        let thinner = shape.coarser();
-        let (side, groups) = (thinner.edge() + 2, Relief::side_of(thinner.edge()));
-        let places = 2 * shape.edge() + 1;
-        let of_groups = groups * groups * (places + groups) + 2 * places;
-        bytes += 2 * (17 * side.pow(3) + size_of::<f64>() * of_groups) as u64;
-        bytes += Surveyor::bytes(thinner.edge());
-        let mut shape = thinner;
+    /// With room for thinner ones of so many bricks more than one.
+    pub(super) fn new(room: usize) -> Self {
+        Self { room, kept: Vec::with_capacity(1 + room), ..Self::default() }
+    }
+
+    /// Bytes that thinner ones of a brick of `shape` take at most.
+    pub(super) fn bytes_kept(shape: BrickShape) -> u64 {
+        let mut shape = shape.coarser();
+        let mut bytes = size_of::<Kept>() as u64;
         for _ in 0..MOST_HALVINGS {
             bytes += ScaledBrick::bytes(shape, 1, Interpolation::Linear);
             shape = shape.coarser();
@@ -71,41 +87,82 @@ impl Thinner {
         bytes
     }
 
-    /// `brick`, which was surveyed, in the fewest cells by which light is off by so little, in any
+    /// Heap bytes at most, for bricks of `shape` with `blocks` blocks, without those for which there
+    /// is room beside.
+    pub(super) fn bytes(shape: BrickShape, blocks: usize) -> u64 {
+        let mut bytes = Halves::bytes(shape.edge(), blocks) + Halves::bytes(shape.edge(), 1);
+        let thinner = shape.coarser();
+        let (side, groups) = (thinner.edge() + 2, Relief::side_of(thinner.edge()));
+        let places = 2 * shape.edge() + 1;
+        let of_groups = groups * groups * (places + groups) + 2 * places;
+        bytes += 2 * (17 * side.pow(3) + size_of::<f64>() * of_groups) as u64;
+        bytes + Surveyor::bytes(thinner.edge()) + Self::bytes_kept(shape)
+    }
+
+    /// What is kept of a node's brick, or where that may be.
+    fn take(&mut self, node: u64) -> usize {
+        self.asked += 1;
+        let found = self.kept.iter().position(|kept| kept.node == node);
+        let at = found.unwrap_or_else(|| {
+            if self.kept.len() <= self.room {
+                self.kept.push(Kept::default());
+            }
+            let by_age = self.kept.iter().enumerate().min_by_key(|(_, kept)| kept.asked);
+            let oldest = by_age.map_or(0, |(at, _)| at);
+            (self.kept[oldest].node, self.kept[oldest].made) = (node, 0);
+            oldest
+        });
+        self.kept[at].asked = self.asked;
+        at
+    }
+
+    /// `brick` of a node, which was surveyed, in the fewest cells by which light is off by so little, in any
     /// group, that `fits` says so; and how often it was halved. None where it was not.
     pub(super) fn thin(
         &mut self,
-        brick: &ScaledBrick,
+        (node, brick): (u64, &ScaledBrick),
         pieces: &PieceList,
         fits: impl Fn(Change) -> bool,
     ) -> Option<(&ScaledBrick, usize)> {
+        if !may_be_thinner(brick, &fits) {
+            return None;
+        }
+        let at = self.take(node);
+        let Kept { bricks, made, .. } = &mut self.kept[at];
         let mut halvings = 0;
         while halvings < MOST_HALVINGS {
-            let (finer, thinner) = self.bricks.split_at_mut(halvings);
+            let (finer, thinner) = bricks.split_at_mut(halvings);
             let finer = finer.last().unwrap_or(brick);
-            if finer.edge / 2 < FEWEST_CELLS || finer.relief.is_empty() {
+            if halvings > 0 && !may_be_thinner(finer, &fits) {
                 break;
             }
             let whole = &finer.relief.whole;
-            if whole.has_void || has_steps(&finer.relief) || !fits(finer.relief.likely_thinned()) {
-                break;
-            }
             let thinner = &mut thinner[0];
-            let comparison = &mut self.comparison;
-            find_values(finer, &mut comparison.halves, &mut self.values, &mut self.is_own);
-            thinner.take_values(finer.edge / 2, &self.values[1]);
-            comparison.compare(finer, thinner);
-            let exact = Distance::none([whole.low, whole.high]);
-            thinner.survey(pieces, &exact, &mut self.surveyor);
-            thinner.relief.loosen(&finer.relief, pieces, &comparison.off);
+            if *made <= halvings {
+                let comparison = &mut self.comparison;
+                find_values(finer, &mut comparison.halves, &mut self.values, &mut self.is_own);
+                thinner.take_values(finer.edge / 2, &self.values[1]);
+                comparison.compare(finer, thinner);
+                let exact = Distance::none([whole.low, whole.high]);
+                thinner.survey(pieces, &exact, &mut self.surveyor);
+                thinner.relief.loosen(&finer.relief, pieces, &comparison.off);
+                *made += 1;
+            }
             // Values may have been moved to a step.
             if has_steps(&thinner.relief) || !fits(thinner.relief.most_levels()) {
                 break;
             }
             halvings += 1;
         }
-        halvings.checked_sub(1).map(|last| (&self.bricks[last], halvings))
+        halvings.checked_sub(1).map(|last| (&self.kept[at].bricks[last], halvings))
     }
+}
+
+/// Whether half as many cells may do for a brick.
+fn may_be_thinner(brick: &ScaledBrick, fits: &impl Fn(Change) -> bool) -> bool {
+    let relief = &brick.relief;
+    let is_large = brick.edge / 2 >= FEWEST_CELLS && !relief.is_empty();
+    is_large && !relief.whole.has_void && !has_steps(relief) && fits(relief.likely_thinned())
 }
 
 /// Whether the transfer function steps where values may be.

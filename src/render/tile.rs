@@ -1,19 +1,22 @@
 //! A batch of rays that walk the tree together, and what they have gathered.
 
+mod proxies;
+
 use std::iter::from_fn;
 
 use glam::{DVec2, DVec3};
 
+use self::proxies::{NEAREST, Proxies, first_apart};
 use super::frame::{Footprint, Frame, LocalRay};
 use super::grade::Care;
 use super::interpolant::DrawnNeighbours;
 use super::lanes::MOST_LANES;
-use super::march::{Beam, Light, Passage, march};
+use super::march::{Beam, Light, Passage, Region, march};
 use super::march_packets::{Accounts, Packets, Passenger, Rays};
 use super::margin::{Part, parts};
 use super::ray_error::{Change, RayError};
 use super::ray_state::RayState;
-use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
+use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square, TILE_SIDE};
 use super::scaled::ScaledBrick;
 use super::thin::{FEWEST_RAYS, Thinner};
 use super::transfer_pieces::PieceList;
@@ -43,6 +46,8 @@ pub(super) struct Tile {
     errors: Vec<RayError>,
     /// Which squares need more: one bit each.
     alive: Vec<u64>,
+    /// Which of them have got what the brick in hand adds from others.
+    served: Vec<u64>,
     /// Where each pixel's squares begin, and one more.
     starts: Vec<u16>,
     packets: Packets,
@@ -50,9 +55,29 @@ pub(super) struct Tile {
     boarding: Vec<Passenger>,
     beams: Vec<Beam>,
     thinner: Thinner,
+    proxies: Proxies,
 }
 
-/// How far light may be off by bricks that are drawn in fewer cells than they have.
+/// Rays that need more of a brick: how many, and the largest of their transmittances.
+#[derive(Debug, Clone, Copy, Default)]
+struct Open {
+    count: usize,
+    transmittance: f64,
+}
+
+/// How the rays of a step are marched.
+#[derive(Clone, Copy)]
+struct Settings<'s> {
+    light: &'s Light<'s>,
+    grid: &'s PixelGrid,
+    accounts: bool,
+    care: Care,
+    /// How far rays may be off, where others may be marched in their place.
+    lending: Option<(Thinning<'s>, Open)>,
+}
+
+/// How far light may be off by bricks that are drawn in fewer cells than they have, and by rays that
+/// are marched in place of others.
 #[derive(Clone, Copy)]
 pub(super) struct Thinning<'t> {
     /// The transfer function by which bricks are surveyed.
@@ -73,11 +98,12 @@ impl Tile {
             + 4;
         (BATCH_RAYS * of_ray + MOST_BOARDING * (size_of::<Passenger>() + size_of::<Beam>())) as u64
             + Packets::bytes(shape)
+            + Proxies::bytes() as u64
             + Thinner::bytes(shape, blocks)
     }
 
-    /// A tile without rays.
-    pub(super) fn new() -> Self {
+    /// A tile without rays, with room for thinner ones of so many bricks.
+    pub(super) fn new(thinned: usize) -> Self {
         Self {
             rect: PixelRect { lo: [0; 2], hi: [0; 2] },
             has_area: false,
@@ -86,11 +112,13 @@ impl Tile {
             states: Vec::with_capacity(BATCH_RAYS),
             errors: Vec::with_capacity(BATCH_RAYS),
             alive: Vec::with_capacity(BATCH_RAYS.div_ceil(64)),
+            served: Vec::with_capacity(BATCH_RAYS.div_ceil(64)),
             starts: Vec::with_capacity(BATCH_RAYS + 1),
             packets: Packets::new(),
             boarding: Vec::with_capacity(MOST_BOARDING),
             beams: Vec::with_capacity(MOST_BOARDING),
-            thinner: Thinner::default(),
+            thinner: Thinner::new(thinned),
+            proxies: Proxies::new(),
         }
     }
 
@@ -117,6 +145,8 @@ impl Tile {
         if let (Some(last), rest @ 1..) = (self.alive.last_mut(), squares.len() % 64) {
             *last = (1 << rest) - 1;
         }
+        self.served.clear();
+        self.served.resize(self.alive.len(), 0);
         self.starts.clear();
         for (index, square) in squares.iter().enumerate() {
             let first = u16::try_from(index).unwrap_or(u16::MAX);
@@ -136,11 +166,11 @@ impl Tile {
         start(pixel(rect.lo[0]))..start(pixel(rect.hi[0]))
     }
 
-    /// The first square of `range` that needs more.
+    /// The first square of `range` that needs more, of the brick in hand as well.
     fn next_alive(&self, range: std::ops::Range<usize>) -> Option<usize> {
         let mut at = range.start;
         while at < range.end {
-            let rest = self.alive[at / 64] >> (at % 64);
+            let rest = (self.alive[at / 64] & !self.served[at / 64]) >> (at % 64);
             if rest != 0 {
                 let found = at + rest.trailing_zeros() as usize;
                 return (found < range.end).then_some(found);
@@ -191,9 +221,12 @@ impl Tile {
         (accounts, care, thinning): (bool, Care, Option<Thinning<'_>>),
     ) -> u64 {
         let passage = Passage { brick, region: step.region, drawn, hides: step.hides };
-        let settings = (light, grid, accounts, care);
+        // Where rays stand for squares, these take what there is of a tolerance.
+        let thinning = thinning.filter(|_| !self.has_area && !brick.is_piecewise_constant());
+        let open = thinning.map_or(Open::default(), |_| self.open_rays(&step.pixels));
+        let settings = Settings { light, grid, accounts, care, lending: thinning.zip(Some(open)) };
         let mut thinner = std::mem::take(&mut self.thinner);
-        let thin = thinning.and_then(|thinning| self.thin(&mut thinner, step, &passage, thinning));
+        let thin = thinning.and_then(|thinning| thin(&mut thinner, step, &passage, thinning, open));
         let samples = if let Some(part) = thin {
             self.draw_part(&part, &step.pixels, settings)
         } else {
@@ -205,36 +238,10 @@ impl Tile {
         samples
     }
 
-    /// What a passage draws in fewer cells, if that pays and is close enough.
-    fn thin<'t>(
-        &self,
-        thinner: &'t mut Thinner,
-        step: &Step,
-        passage: &Passage<'t>,
-        Thinning { pieces, limit, behind }: Thinning<'_>,
-    ) -> Option<Part<'t>> {
-        // Where rays stand for squares, these take what there is of a tolerance.
-        if passage.hides || passage.brick.is_piecewise_constant() || self.has_area {
-            return None;
-        }
-        let (count, transmittance) = self.open_rays(&step.pixels);
-        if count < FEWEST_RAYS {
-            return None;
-        }
-        let crossing = step.frame.crossing(&step.footprint, passage.brick.edge as f64);
-        let fits = |change: Change| change.light(behind) * crossing * transmittance <= limit;
-        let (brick, halvings) = thinner.thin(passage.brick, pieces, fits)?;
-        let part = Part { passage: *passage, frame: step.frame, footprint: step.footprint };
-        let mut part = (0..halvings).fold(part, |part, _| part.wider(brick));
-        // The finer cells.
-        part.passage.hides = true;
-        Some(part)
-    }
-
-    /// How many rays in `rect` need more, and the largest of their transmittances.
-    fn open_rays(&self, rect: &PixelRect) -> (usize, f64) {
-        self.open(*rect).fold((0, 0.0), |(count, largest), index| {
-            (count + 1, largest.max(self.states[index].transmittance))
+    fn open_rays(&self, rect: &PixelRect) -> Open {
+        self.open(*rect).fold(Open::default(), |Open { count, transmittance }, index| Open {
+            count: count + 1,
+            transmittance: transmittance.max(self.states[index].transmittance),
         })
     }
 
@@ -248,17 +255,30 @@ impl Tile {
     /// Marches the rays in `pixels` through a part of a brick.
     fn draw_part(
         &mut self,
-        Part { passage, frame, footprint }: &Part<'_>,
+        part: &Part<'_>,
         pixels: &PixelRect,
-        (light, grid, accounts, care): (&Light<'_>, &PixelGrid, bool, Care),
+        Settings { light, grid, accounts, care, lending }: Settings<'_>,
     ) -> u64 {
+        let Part { passage, frame, footprint } = part;
         let diagonal = frame.cell_width.length();
         let has_squares = accounts && self.has_area;
+        let lending = lending.and_then(|(thinning, open)| {
+            let apart = first_apart(part, pixels, grid, (thinning, open));
+            (apart >= NEAREST).then_some((apart, thinning, open))
+        });
         let in_packets = !self.are_few(pixels, passage.brick)
-            && self.packets.enter(passage, light, (diagonal, care), has_squares);
+            && self.packets.enter(
+                passage,
+                light,
+                (diagonal, care),
+                has_squares || lending.is_some(),
+            );
+        let mut samples = 0;
+        if let Some(lending) = lending.filter(|_| in_packets) {
+            samples += self.draw_by_proxies(part, pixels, (light, grid), lending);
+        }
         let covered = grid.covered(footprint);
         let alone = if accounts { Accounts::Alone(frame.depth) } else { Accounts::None };
-        let mut samples = 0;
         for row in pixels.rows() {
             let range = self.row(pixels, row);
             let mut at = range.start;
@@ -279,7 +299,9 @@ impl Tile {
                 }
             }
         }
-        samples + self.depart(passage, light, (alone, in_packets))
+        samples += self.depart(passage, light, (alone, in_packets));
+        self.served.fill(0);
+        samples
     }
 
     /// Marches the rays that wait, with accounts as `alone` says if they do not stand for squares.
@@ -323,6 +345,27 @@ impl Tile {
             Found { square: *square, value, shares, uneven: None }
         })
     }
+}
+
+/// What a passage draws in fewer cells, if that pays for its rays and is close enough.
+fn thin<'t>(
+    thinner: &'t mut Thinner,
+    step: &Step,
+    passage: &Passage<'t>,
+    Thinning { pieces, limit, behind }: Thinning<'_>,
+    Open { count, transmittance }: Open,
+) -> Option<Part<'t>> {
+    if passage.hides || count < FEWEST_RAYS {
+        return None;
+    }
+    let crossing = step.frame.crossing(&step.footprint, passage.brick.edge as f64);
+    let fits = |change: Change| change.light(behind) * crossing * transmittance <= limit;
+    let (brick, halvings) = thinner.thin((step.request.node, passage.brick), pieces, fits)?;
+    let part = Part { passage: *passage, frame: step.frame, footprint: step.footprint };
+    let mut part = (0..halvings).fold(part, |part, _| part.wider(brick));
+    // The finer cells.
+    part.passage.hides = true;
+    Some(part)
 }
 
 /// Whether rays of the square at `plane` can meet what has this footprint.

@@ -16,7 +16,7 @@ fn rect(x: [u32; 2], y: [u32; 2]) -> PixelRect {
 fn rays_are_needed_until_they_are_done() {
     let scene = scene("samples = 1", 130, 70);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
-    let (mut tile, mut squares) = (Tile::new(), Vec::new());
+    let (mut tile, mut squares) = (Tile::new(0), Vec::new());
     let whole = rect([64, 128], [64, 70]);
     grid.first_squares(&whole, &mut squares);
     tile.start(&grid, whole, (&squares, false));

@@ -6,7 +6,7 @@ use super::{Accounts, Passenger, Place, Rays, lanes};
 use crate::render::absorb::Integrator;
 use crate::render::lanes::{MOST_LANES, Row, Width};
 use crate::render::ledger::Ledger;
-use crate::render::march::{Beam, Spread, arrive, leave, march};
+use crate::render::march::{Beam, Spread, arrive, leave, march, spread_of};
 use crate::render::march_linear::pass_dual_cell;
 use crate::render::packet::{Ground, March, Packet, SLACK};
 use crate::render::ray_error::{RayError, Sums};
@@ -99,10 +99,9 @@ impl Cabin {
         (packet.active, packet.count) = (met, 0);
         packet.clear_sums();
         let mut single = 0;
-        if let Accounts::Squares(beams) = accounts {
-            for (lane, (passenger, beam)) in rays.iter().zip(beams).enumerate() {
-                single += self.take_square(place, (lane, passenger), beam, film);
-            }
+        let are_proxies = matches!(accounts, Accounts::Proxies(_));
+        for (lane, (passenger, beam)) in rays.iter().zip(accounts.squares()).enumerate() {
+            single += self.take_square(place, (lane, passenger), (beam, are_proxies), film);
         }
         for lane in lanes(self.packet.active) {
             self.set_terms(place, lane, &film.states[rays[lane].index]);
@@ -116,13 +115,18 @@ impl Cabin {
         &mut self,
         place: &Place<'_>,
         (lane, Passenger { index, ray }): (usize, &Passenger),
-        beam: &Beam,
+        (beam, is_proxy): (&Beam, bool),
         film: &mut Rays<'_>,
     ) -> u64 {
         let span = (self.packet.active >> lane & 1 == 1).then(|| self.seats.span(lane));
         let (state, error) = (&mut film.states[*index], &mut film.errors[*index]);
         let before = *error;
-        let spread = arrive(place.passage, ray, (&place.region, span), beam, (state, error));
+        let met = (&place.region, span);
+        let spread = if is_proxy {
+            spread_of(ray, met, beam)
+        } else {
+            arrive(place.passage, ray, met, beam, (state, error))
+        };
         let is_wide = spread.0.iter().any(|spread| *spread > 1.0 - f64::from(SLACK));
         let mut single = 0;
         if is_wide && !place.takes_wide {

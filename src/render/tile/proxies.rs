@@ -1,0 +1,387 @@
+//! Rays that are marched through a brick in place of others between them.
+//!
+//! Where a brick's cells are far wider than pixels, neighbouring rays see nearly the same of it. Then
+//! only rays at the corners of a square lattice on the image plane, *proxies*, are marched through
+//! it, and rays between them take bilinear means of what the four around them gather, each behind
+//! what it has itself met in front. A proxy stands for the square of all that may take from it, and
+//! its account says how far any of these may differ from it (`render/packet/square.rs`). Bricks in
+//! front and behind are not marched by the same proxies, so where rays of the square enter or leave
+//! before the proxy does or after, all that is there counts. A mean of pictures is off by no more than the mean of what
+//! these are off by, so the largest of four accounts holds for it. Blocks of a lattice whose
+//! accounts say too much are tried with a finer one, at last ray by ray.
+
+use glam::DVec2;
+
+use super::super::march::spread_of;
+use super::super::ray_error::{Lent, Sums};
+use super::super::walk::clip;
+use super::*;
+
+/// What proxies may make of a ray's light in a brick, as a part of what fewer cells may.
+const SHARE: f64 = 0.25;
+/// Rays from which on proxies are tried.
+const FEWEST: usize = 256;
+/// So many times as far apart proxies are at first as the steepest slopes in the brick allow: along
+/// most rays there are others.
+const OPTIMISM: f64 = 2.0;
+/// And never closer than this, pixels: closer ones take as long as the rays themselves.
+pub(super) const NEAREST: u32 = 4;
+/// And no farther than this, cells: accounts of rays that are more than a cell apart say little.
+const WIDEST: f64 = 0.9;
+/// Cells around a place of which groups are looked at one by one.
+const MOST_REACH: f64 = 4.0;
+/// Proxies are so many pixels apart, at most.
+const FARTHEST: f64 = TILE_SIDE as f64;
+
+/// What a proxy has gathered, with a transmittance of 1 in front of the brick.
+#[derive(Debug, Clone, Copy, Default)]
+struct Spot {
+    gathered: Gathered,
+    account: Lent,
+    is_wanted: bool,
+}
+
+/// Light (R, G, B), and the shares of that from behind that come through and do not.
+type Gathered = [f64; 5];
+
+fn between(a: Gathered, b: Gathered, u: f64) -> Gathered {
+    std::array::from_fn(|n| a[n] + (b[n] - a[n]) * u)
+}
+
+/// The proxies of a tile in one brick. The memory is reused from brick to brick.
+#[derive(Debug)]
+pub(super) struct Proxies {
+    states: Vec<RayState>,
+    errors: Vec<RayError>,
+    /// Row by row.
+    spots: Vec<Spot>,
+    /// The largest transmittance of rays in a block that need more, row by row; 0 where there is
+    /// none.
+    blocks: Vec<f64>,
+}
+
+/// Corners of square blocks of pixels, from the tile's first on.
+#[derive(Clone, Copy)]
+struct Lattice {
+    first: [u32; 2],
+    /// Edge of a block, pixels.
+    apart: u32,
+    /// Number of blocks along x and y.
+    count: [u32; 2],
+}
+
+impl Lattice {
+    /// Over `pixels`, with blocks aligned to those of the whole tile.
+    fn over(tile: &PixelRect, pixels: &PixelRect, apart: u32) -> Self {
+        let below = |a: usize| (pixels.lo[a] - tile.lo[a]) / apart;
+        let first = std::array::from_fn(|a| tile.lo[a] + below(a) * apart);
+        let count = std::array::from_fn(|a| (pixels.hi[a] - first[a]).div_ceil(apart));
+        Self { first, apart, count }
+    }
+
+    fn blocks(&self) -> impl Iterator<Item = [u32; 2]> + use<> {
+        let [columns, rows] = self.count;
+        (0..rows).flat_map(move |y| (0..columns).map(move |x| [x, y]))
+    }
+
+    fn number(&self, [x, y]: [u32; 2]) -> usize {
+        (y * self.count[0] + x) as usize
+    }
+
+    /// The number of the block that holds a place.
+    fn block_at(&self, place: [f64; 2]) -> usize {
+        let at = |a: usize| (place[a] as u32).saturating_sub(self.first[a]) / self.apart;
+        self.number(std::array::from_fn(|a| at(a).min(self.count[a] - 1)))
+    }
+
+    /// The pixels of a block.
+    fn pixels(&self, block: [u32; 2]) -> PixelRect {
+        let lo = std::array::from_fn(|a| self.first[a] + block[a] * self.apart);
+        PixelRect { lo, hi: lo.map(|x| x + self.apart) }
+    }
+
+    /// The numbers of the four corners of a block among all.
+    fn corners(&self, [x, y]: [u32; 2]) -> [usize; 4] {
+        let side = self.count[0] as usize + 1;
+        let first = y as usize * side + x as usize;
+        [first, first + 1, first + side, first + side + 1]
+    }
+
+    /// The place of a corner, pixels.
+    fn place(&self, corner: usize) -> [f64; 2] {
+        let side = self.count[0] as usize + 1;
+        let at = [corner % side, corner / side];
+        std::array::from_fn(|a| f64::from(self.first[a]) + (at[a] * self.apart as usize) as f64)
+    }
+
+    /// Number of corners.
+    fn spots(&self) -> usize {
+        self.count.map(|n| n as usize + 1).iter().product()
+    }
+}
+
+impl Proxies {
+    /// Corners of the finest lattice.
+    const SPOTS: usize = ((TILE_SIDE / NEAREST) as usize + 1).pow(2);
+
+    /// Most heap bytes.
+    pub(super) fn bytes() -> usize {
+        Self::SPOTS * (size_of::<Spot>() + size_of::<f64>())
+            + MOST_BOARDING * (size_of::<RayState>() + size_of::<RayError>())
+    }
+
+    pub(super) fn new() -> Self {
+        Self {
+            states: Vec::with_capacity(MOST_BOARDING),
+            errors: Vec::with_capacity(MOST_BOARDING),
+            spots: Vec::with_capacity(Self::SPOTS),
+            blocks: Vec::with_capacity(Self::SPOTS),
+        }
+    }
+
+    /// The same, and how far a block's rays may be off.
+    fn account(&self, corners: [usize; 4]) -> Lent {
+        let [a, b, c, d] = corners.map(|corner| &self.spots[corner].account);
+        a.max(b).max(c).max(d)
+    }
+
+    /// What rays at both ends of a block's row gather, which is `v` of its edge below its upper one.
+    fn row(&self, corners: [usize; 4], v: f64) -> [Gathered; 2] {
+        let [a, b, c, d] = corners.map(|corner| self.spots[corner].gathered);
+        [between(a, c, v), between(b, d, v)]
+    }
+}
+
+/// The largest power of two that is not above `x`; 0 below 1.
+fn floor_to_power(x: f64) -> u32 {
+    if x >= 1.0 { 1 << (x.min(FARTHEST) as u32).ilog2() } else { 0 }
+}
+
+/// How many pixels apart proxies for rays in `pixels` are at first; less than [`NEAREST`] where there
+/// are none.
+pub(super) fn first_apart(
+    Part { passage, frame, footprint }: &Part<'_>,
+    pixels: &PixelRect,
+    grid: &PixelGrid,
+    (Thinning { limit, behind, .. }, open): (Thinning<'_>, Open),
+) -> u32 {
+    if passage.brick.relief.is_empty() || open.count < FEWEST {
+        return 0;
+    }
+    let middle: [f64; 2] = std::array::from_fn(|a| 0.5 * f64::from(pixels.lo[a] + pixels.hi[a]));
+    let ray = frame.ray(grid.plane_at(middle));
+    let depth = if frame.is_perspective { footprint.depth_hi } else { 1.0 };
+    let spread = beam(frame, &ray, grid.pixel_size(), 1.0).spread.map(|spread| spread * depth);
+    let widest = spread.iter().copied().fold(0.0, f64::max);
+    let edge = passage.brick.edge as f64;
+    let crossing = frame.crossing(footprint, edge);
+    let whole = &passage.brick.relief.whole;
+    let apart: f64 = (0..3).map(|a| whole.slope[a] * spread[a]).sum();
+    let change = whole.span.slope.times(apart).times(crossing);
+    let rims = whole.span.most.times(2.0 * widest * crossing / edge);
+    let off = change.plus(rims).light(behind) * open.transmittance;
+    floor_to_power((OPTIMISM * SHARE * limit / off).min(WIDEST / widest))
+}
+
+impl Tile {
+    /// Marches proxies, at first `apart` pixels from each other, through a part of a brick that
+    /// packets may march through. Rays that need not be marched are marked as served. Returns the
+    /// number of samples.
+    pub(super) fn draw_by_proxies(
+        &mut self,
+        part: &Part<'_>,
+        pixels: &PixelRect,
+        (light, grid): (&Light<'_>, &PixelGrid),
+        (mut apart, thinning, mut open): (u32, Thinning<'_>, Open),
+    ) -> u64 {
+        let mut samples = 0;
+        while apart >= NEAREST && open.count >= FEWEST {
+            let lattice = Lattice::over(&self.rect, pixels, apart);
+            open = self.choose(lattice, pixels);
+            samples += self.march_proxies(part, (light, grid), lattice, open.transmittance);
+            let (served, fitting) = self.lend(lattice, pixels, light, thinning);
+            open.count -= served;
+            apart = floor_to_power(fitting * f64::from(apart)).min(apart / 2);
+        }
+        samples
+    }
+
+    /// Finds the blocks with rays in `pixels` that need more, and the corners of these. Returns what
+    /// rays these are.
+    fn choose(&mut self, lattice: Lattice, pixels: &PixelRect) -> Open {
+        self.proxies.spots.clear();
+        self.proxies.spots.resize(lattice.spots(), Spot::default());
+        let mut blocks = std::mem::take(&mut self.proxies.blocks);
+        blocks.clear();
+        blocks.resize(lattice.count.iter().map(|n| *n as usize).product(), 0.0);
+        let mut count = 0;
+        for index in self.open(*pixels) {
+            count += 1;
+            let most = &mut blocks[lattice.block_at(self.squares[index].centre)];
+            *most = self.states[index].transmittance.max(*most);
+        }
+        for (block, _) in lattice.blocks().zip(&blocks).filter(|(_, most)| **most > 0.0) {
+            for corner in lattice.corners(block) {
+                self.proxies.spots[corner].is_wanted = true;
+            }
+        }
+        let transmittance = blocks.iter().copied().fold(0.0, f64::max);
+        self.proxies.blocks = blocks;
+        Open { count, transmittance }
+    }
+
+    fn march_proxies(
+        &mut self,
+        Part { passage, frame, .. }: &Part<'_>,
+        (light, grid): (&Light<'_>, &PixelGrid),
+        lattice: Lattice,
+        transmittance: f64,
+    ) -> u64 {
+        let half: DVec2 = grid.pixel_size() * f64::from(lattice.apart);
+        let (mut samples, mut next) = (0, 0);
+        while next < self.proxies.spots.len() {
+            let first = next;
+            while next < self.proxies.spots.len() && self.boarding.len() < MOST_BOARDING {
+                if self.proxies.spots[next].is_wanted {
+                    let ray = frame.ray(grid.plane_at(lattice.place(next)));
+                    self.beams.push(beam(frame, &ray, half, 1.0));
+                    self.boarding.push(Passenger { index: self.boarding.len(), ray });
+                }
+                next += 1;
+            }
+            let Proxies { states, errors, spots, .. } = &mut self.proxies;
+            states.clear();
+            states.resize(self.boarding.len(), RayState::behind(transmittance));
+            errors.clear();
+            errors.resize(self.boarding.len(), RayError::default());
+            let rays = (&self.boarding[..], Accounts::Proxies(&self.beams));
+            samples += self.packets.march(passage, light, rays, &mut Rays { states, errors });
+            let wanted = spots[first..next].iter_mut().filter(|spot| spot.is_wanted);
+            let rays = self.boarding.iter().zip(&self.beams);
+            for (spot, ((state, error), (Passenger { ray, .. }, beam))) in
+                wanted.zip(states.iter().zip(errors.iter_mut()).zip(rays))
+            {
+                let ends = [transmittance, state.transmittance];
+                error.farthest = error.farthest.plus(at_faces(passage, ray, beam, ends));
+                *spot = Spot::of(state, error, transmittance);
+            }
+            self.boarding.clear();
+            self.beams.clear();
+        }
+        samples
+    }
+
+    /// Gives rays in blocks whose accounts allow it what their proxies have gathered. Returns how many
+    /// these are, and what fits of the lattice's width for the block, of all others, that allows
+    /// most.
+    fn lend(
+        &mut self,
+        lattice: Lattice,
+        pixels: &PixelRect,
+        light: &Light<'_>,
+        Thinning { limit, behind, .. }: Thinning<'_>,
+    ) -> (usize, f64) {
+        let (mut served, mut fitting) = (0, 0.0_f64);
+        for block in lattice.blocks() {
+            let largest = self.proxies.blocks[lattice.number(block)];
+            if largest == 0.0 {
+                continue;
+            }
+            let corners = lattice.corners(block);
+            let account = self.proxies.account(corners);
+            let off = account.apart.light(behind) * largest;
+            if off <= SHARE * limit {
+                let rect = lattice.pixels(block);
+                served += self.lend_block((rect, pixels), (corners, &account), light);
+            } else if off.is_finite() {
+                fitting = fitting.max(SHARE * limit / off);
+            }
+        }
+        (served, fitting)
+    }
+
+    fn lend_block(
+        &mut self,
+        (block, pixels): (PixelRect, &PixelRect),
+        (corners, account): ([usize; 4], &Lent),
+        light: &Light<'_>,
+    ) -> usize {
+        let mut served = 0;
+        let part = block.intersection(pixels);
+        let width = f64::from(block.hi[0] - block.lo[0]);
+        let (mut ends, mut at_v) = ([Gathered::default(); 2], f64::NAN);
+        for row in part.rows() {
+            let range = self.row(&part, row);
+            let mut at = range.start;
+            while let Some(index) = self.next_alive(at..range.end) {
+                at = index + 1;
+                let centre = self.squares[index].centre;
+                let [u, v] = std::array::from_fn(|a| (centre[a] - f64::from(block.lo[a])) / width);
+                if v != at_v {
+                    (ends, at_v) = (self.proxies.row(corners, v), v);
+                }
+                let state = &mut self.states[index];
+                self.errors[index].borrow(account, state.transmittance, state.radiance);
+                state.take(between(ends[0], ends[1], u));
+                self.served[index / 64] |= 1 << (index % 64);
+                served += 1;
+                if state.is_done(&light.ending) {
+                    self.alive[index / 64] &= !(1 << (index % 64));
+                }
+            }
+        }
+        served
+    }
+}
+
+/// What rays of a proxy's square may see of a brick before the proxy comes into it, or after it has
+/// left, and the other way round, if so much light comes through from in front of it and behind.
+fn at_faces(passage: &Passage<'_>, ray: &LocalRay, beam: &Beam, [before, after]: [f64; 2]) -> Sums {
+    let Region { lo, hi, .. } = passage.inside();
+    let span = clip(ray, lo, hi);
+    let (spread, _) = spread_of(ray, (&passage.inside(), span), beam);
+    let moved = |faces: [f64; 3], sign: f64| std::array::from_fn(|a| faces[a] + sign * spread[a]);
+    let Some(wide) = clip(ray, moved(lo, -1.0), moved(hi, 1.0)) else { return Sums::default() };
+    let whole = &passage.brick.relief.whole;
+    let narrow = clip(ray, moved(lo, 1.0), moved(hi, -1.0));
+    let (Some((from, to)), Some(narrow)) = (span, narrow) else {
+        let length = (wide.1 - wide.0) * ray.length;
+        return Sums::of(whole.span.most.plus(whole.levels), length, length * before);
+    };
+    // A ray enters once, before the proxy or after.
+    let rims = [
+        ((from - wide.0).max(narrow.0 - from), from, before),
+        ((wide.1 - to).max(to - narrow.1), to, after),
+    ];
+    let mut sums = Sums::default();
+    for (rim, sigma, transmittance) in rims {
+        let reach =
+            rim * ray.direction.abs().max_element() + spread.iter().copied().fold(0.0, f64::max);
+        let point = ray.origin + ray.direction * sigma;
+        let group = if reach > MOST_REACH {
+            *whole
+        } else {
+            passage.brick.relief.near(point.to_array(), reach)
+        };
+        let most = group.span.most.plus(group.levels);
+        let length = rim * ray.length;
+        // At the far end the proxy, and so what is seen, is not yet as dim as behind it.
+        let seen = (transmittance * (most.extinction * length).exp()).min(before);
+        sums = sums.plus(Sums::of(most, length, length * seen));
+    }
+    sums
+}
+
+impl Spot {
+    fn of(state: &RayState, error: &RayError, transmittance: f64) -> Self {
+        let seen = transmittance.recip();
+        let absorbed = (transmittance - state.transmittance) + state.transmittance_excess;
+        let [r, g, b] = state.radiance;
+        let gathered = [r, g, b, state.transmittance, absorbed].map(|x| x * seen);
+        Self { gathered, account: error.lent(transmittance), is_wanted: true }
+    }
+}
+
+#[cfg(test)]
+#[path = "proxies_tests.rs"]
+mod tests;

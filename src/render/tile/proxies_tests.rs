@@ -1,0 +1,156 @@
+//! Rays that take from proxies, against rays that are marched one by one.
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::render::interpolant::DrawnNeighbours;
+use crate::render::march_tests::{shells, smooth};
+use crate::render::packet_tests::{EDGE, LONGEST, Setting, WIDTH, surveyed};
+use crate::render::test_data::{BRICKS, TestData, linear, rough};
+use crate::render::test_scene::{scene, view};
+use crate::render::transfer_pieces::TransferPieces;
+use crate::render::view::Basis;
+
+/// Pixels of the picture, and of the tile in its middle.
+const PICTURE: u32 = 1024;
+const SIDE: u32 = 64;
+const WHOLE: PixelRect = PixelRect { lo: [PICTURE / 2; 2], hi: [PICTURE / 2 + SIDE; 2] };
+
+/// A brick in front of all pixels of a tile, of which one is `pixel` cells wide at its middle.
+fn frame(grid: &PixelGrid, at: [f64; 3], along: DVec3, pixel: f64, is_perspective: bool) -> Frame {
+    let (right, up) = along.any_orthonormal_pair();
+    let basis = Basis { forward: along, right, up };
+    let cell_width = DVec3::splat(WIDTH);
+    let depth = if is_perspective { pixel * WIDTH / grid.pixel_size().x } else { 1.0 };
+    Frame {
+        anchor: DVec3::from_array(at),
+        anchor_units: [0; 3],
+        cells_per_unit: 1.0,
+        depth,
+        cell_width: if is_perspective {
+            cell_width
+        } else {
+            grid.pixel_size().x / pixel * DVec3::ONE
+        },
+        cells_per_length: if is_perspective {
+            cell_width.recip()
+        } else {
+            (grid.pixel_size().x / pixel * DVec3::ONE).recip()
+        },
+        basis,
+        is_perspective,
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn rays_are_off_by_no_more_than_they_say(
+        (number, kind, is_shell) in (0..BRICKS.len(), 0..2_usize, any::<bool>()),
+        at in prop::array::uniform3(1.0..7.0_f64),
+        along in prop::array::uniform3(-1.0..1.0_f64),
+        (pixel, is_perspective) in ((-4.0..-0.5_f64).prop_map(f64::exp), any::<bool>()),
+        limit in (-8.0..2.0_f64).prop_map(f64::exp),
+    ) {
+        let along = DVec3::from_array(along).try_normalize();
+        prop_assume!(along.is_some());
+        let data = TestData::new([linear, rough][kind]);
+        let function = if is_shell { shells() } else { smooth() };
+        let exact = TransferPieces::new(&function, |_| 0.0);
+        let brick = surveyed(&data, BRICKS[number], &exact);
+        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&function, 0.01));
+        let scene = scene("samples = 1", PICTURE, PICTURE);
+        let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+        let frame = frame(&grid, at, along.unwrap(), pixel, is_perspective);
+        let edge = DVec3::splat(f64::from(EDGE));
+        let Some(footprint) = frame.footprint(DVec3::ZERO, edge) else { return Ok(()) };
+        let part = Part { passage: setting.passage, frame, footprint };
+        let mut squares = Vec::new();
+        grid.first_squares(&WHOLE, &mut squares);
+        let mut tile = Tile::new(0);
+        tile.start(&grid, WHOLE, (&squares, false));
+        // What rays have met in front of the brick differs from ray to ray.
+        for (n, state) in tile.states.iter_mut().enumerate() {
+            state.absorb((n % 7) as f64 / 8.0);
+        }
+        let before = tile.states.clone();
+        let care = Care::Rough;
+        let thinning = Thinning { pieces: &exact.all, limit, behind: 1.0 };
+        let lending = Some((thinning, tile.open_rays(&WHOLE)));
+        let light = &setting.light;
+        let settings = Settings { light, grid: &grid, accounts: true, care, lending };
+        tile.draw_part(&part, &WHOLE, settings);
+        prop_assert!(tile.served.iter().all(|bits| *bits == 0));
+        let rays: Vec<_> = tile.planes.iter().map(|[plane, _]| frame.ray(*plane)).collect();
+        let brightest = exact.brightest().min(LONGEST * exact.largest_emission());
+        let truths = setting.alone(&rays);
+        for (n, truth) in truths.iter().enumerate() {
+            let (state, error, front) = (&tile.states[n], &tile.errors[n], before[n].transmittance);
+            let bound = error.shares(state.radiance, state.opacity(), brightest, 0.0).total();
+            let opacity = 1.0 - front * truth.transmittance;
+            let off = (0..3)
+                .map(|c| (state.radiance[c] - front * truth.radiance[c]).abs())
+                .fold((state.opacity() - opacity).abs(), f64::max);
+            prop_assert!(off <= bound + 1e-9, "{n}: off {off:e}, bound {bound:e}");
+        }
+    }
+}
+
+#[test]
+fn smooth_bricks_take_few_rays() {
+    let data = TestData::new(linear);
+    let exact = TransferPieces::new(&smooth(), |_| 0.0);
+    let brick = surveyed(&data, BRICKS[0], &exact);
+    let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&smooth(), 0.01));
+    let scene = scene("samples = 1", PICTURE, PICTURE);
+    let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+    let frame = frame(&grid, [4.0; 3], DVec3::new(0.6, 0.64, 0.48), 1e-3, true);
+    let footprint = frame.footprint(DVec3::ZERO, DVec3::splat(f64::from(EDGE))).unwrap();
+    let part = Part { passage: setting.passage, frame, footprint };
+    let mut squares = Vec::new();
+    grid.first_squares(&WHOLE, &mut squares);
+    let draw = |limit: Option<f64>| {
+        let mut tile = Tile::new(0);
+        tile.start(&grid, WHOLE, (&squares, false));
+        let thinning = limit.map(|limit| Thinning { pieces: &exact.all, limit, behind: 1.0 });
+        let lending = thinning.map(|thinning| (thinning, tile.open_rays(&WHOLE)));
+        let (light, care) = (&setting.light, Care::Rough);
+        let settings = Settings { light, grid: &grid, accounts: true, care, lending };
+        let samples = tile.draw_part(&part, &WHOLE, settings);
+        (samples, tile.states[SIDE as usize + 1].radiance)
+    };
+    let (all, found) = draw(None);
+    let (few, lent) = draw(Some(1.0));
+    assert!(few * 128 <= all, "{few} of {all}");
+    assert!((found[0] - lent[0]).abs() < 1e-4 * found[0], "{found:?} {lent:?}");
+    assert_eq!(draw(Some(1e-9)), (all, found));
+}
+
+#[test]
+fn lattices_hold_each_pixel_once() {
+    let tile = PixelRect { lo: [64, 128], hi: [128, 150] };
+    for (pixels, apart) in
+        [([70, 75, 129, 150], 4), ([64, 128, 128, 150], 64), ([127, 128, 149, 150], 8)]
+    {
+        let [x, y, z, w] = pixels;
+        let pixels = PixelRect { lo: [x, z], hi: [y, w] };
+        let lattice = Lattice::over(&tile, &pixels, apart);
+        for (column, row) in pixels.rows().flat_map(|y| pixels.columns().map(move |x| (x, y))) {
+            let place = [f64::from(column) + 0.5, f64::from(row) + 0.5];
+            let holding: Vec<_> = lattice
+                .blocks()
+                .filter(|block| {
+                    let PixelRect { lo, hi } = lattice.pixels(*block);
+                    (lo[0]..hi[0]).contains(&column) && (lo[1]..hi[1]).contains(&row)
+                })
+                .collect();
+            assert_eq!(holding.len(), 1);
+            assert_eq!(lattice.block_at(place), lattice.number(holding[0]));
+            let corners = lattice.corners(holding[0]).map(|corner| lattice.place(corner));
+            assert!(corners[0].iter().zip(&place).all(|(a, b)| a < b));
+            assert!(corners[3].iter().zip(&place).all(|(a, b)| a > b));
+            assert_eq!([corners[1][0], corners[2][1]], corners[3]);
+        }
+    }
+}
