@@ -31,12 +31,24 @@ fn cache(folder: &Path) -> PathBuf {
 }
 
 /// A tile's worth of rays along the zoom.
-fn picture(cache: &Path, tolerance: &str, (memory, threads): (u64, usize)) -> Rendered {
+fn picture(cache: &Path, tolerance: &str, within: (u64, usize)) -> Rendered {
+    picture_of(cache, "0.01", tolerance, within)
+}
+
+/// The same in a view of so many degrees.
+fn picture_of(
+    cache: &Path,
+    view: &str,
+    tolerance: &str,
+    (memory, threads): (u64, usize),
+) -> Rendered {
     let text = recipe("nested13-zoom.toml")
+        .replace("fov = 0.01", &format!("fov = {view}"))
         .replace("width = 256", "width = 64")
         .replace("height = 256", "height = 64")
         .replace("tolerance = \"1%\"", &format!("tolerance = {tolerance}"));
     assert!(text.contains("width = 64\nheight = 64\n") && text.contains(tolerance));
+    assert!(text.contains(&format!("fov = {view}\n")));
     let scene = Scene::parse(&text, "nested13-zoom.toml").unwrap();
     let options = RenderOptions {
         memory: memory << 20,
@@ -74,4 +86,32 @@ fn work_falls_with_the_tolerance_and_pixels_stay_within_their_bounds() {
     });
     assert!(samples[1] < samples[0] * 7 / 10, "{samples:?}");
     assert!(samples[2] < samples[1] * 9 / 10, "{samples:?}");
+}
+
+#[test]
+fn rays_far_closer_than_cells_share_what_they_see() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = cache(folder.path());
+    let views = [("0.01", "\"10%\"", 20), ("0.001", "\"1%\"", 25), ("0.0001", "\"0.1%\"", 40)];
+    for (view, tolerance, share) in views {
+        let truth = picture_of(&cache, view, "0.0", (1024, 2));
+        let found = picture_of(&cache, view, tolerance, (1024, 2));
+        let (bound, shares) = (found.stats.error_bound.unwrap(), found.stats.error_shares.unwrap());
+        let pixels = found.film.pixels().iter().zip(truth.film.pixels());
+        let farthest = pixels
+            .flat_map(|(a, b)| a.iter().zip(b).map(|(a, b)| f64::from(a - b).abs()))
+            .fold(0.0, f64::max);
+        eprintln!(
+            "{view}: off by {farthest:.2e} of {bound:.2e}, by rays {:.2e}; samples {} of {}",
+            shares.pixel_area, found.stats.samples, truth.stats.samples
+        );
+        assert!(farthest <= bound + truth.stats.error_bound.unwrap(), "{view}: {farthest}");
+        assert!(bound <= found.stats.tolerance, "{view}: {bound}");
+        // Rays stand for themselves: only what others have seen for them is off by where they are.
+        assert!(shares.pixel_area > 0.0, "{view}");
+        let samples = [found.stats.samples, truth.stats.samples];
+        assert!(samples[0] < samples[1] * share / 100, "{view}: {samples:?}");
+        let little = picture_of(&cache, view, tolerance, (64, 1));
+        assert!(little.film == found.film, "{view}: it depends on threads or memory");
+    }
 }

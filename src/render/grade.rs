@@ -140,6 +140,8 @@ pub(super) struct Grades {
     /// As [`super::packet::Ground`] has them.
     pub(super) rates: Vec<u32>,
     pub(super) levels: Vec<u32>,
+    /// The same of places near groups, where rays stand for others.
+    pub(super) levels_near: Vec<u32>,
     pub(super) reliefs: Vec<[f32; 8]>,
     pub(super) reach: f32,
     /// Whether rays of squares wider than a cell may go through.
@@ -184,6 +186,7 @@ impl Grades {
             self.reliefs.push(row(&relief.whole));
             self.reach = up(reach + most);
             self.is_fit_for_wide = grader.is_smooth(&relief.whole);
+            self.fill_levels_near(relief.side());
         }
     }
 
@@ -211,6 +214,34 @@ impl Grades {
             self.levels.extend(groups.map(|group| pack(group.levels, &transfer.table)));
         }
     }
+
+    /// What lies beneath a group or any beside it, of so many along an edge.
+    fn fill_levels_near(&mut self, side: usize) {
+        self.levels_near.clear();
+        self.levels_near.extend_from_slice(&self.levels);
+        for stride in [1, side, side * side] {
+            // Along one axis after the other, by what was there before: the last is kept.
+            let mut before = vec![0; stride];
+            for at in 0..self.levels_near.len() {
+                let n = at / stride % side;
+                let own = self.levels_near[at];
+                let mut most = own;
+                if n > 0 {
+                    most = larger_halves(most, before[at % stride]);
+                }
+                if n + 1 < side {
+                    most = larger_halves(most, self.levels_near[at + stride]);
+                }
+                before[at % stride] = own;
+                self.levels_near[at] = most;
+            }
+        }
+    }
+}
+
+/// The larger of both halves.
+fn larger_halves(a: u32, b: u32) -> u32 {
+    (a & !0xffff).max(b & !0xffff) | (a & 0xffff).max(b & 0xffff)
 }
 
 /// As [`super::packet::Ground::reliefs`] has it.

@@ -115,7 +115,7 @@ impl Packets {
     pub(super) fn bytes(shape: BrickShape) -> u64 {
         let duals = shape.edge() + 1;
         let groups = duals.div_ceil(GROUP_EDGE);
-        let known = (2 * size_of::<u32>() + size_of::<[f32; 12]>()) * (groups.pow(3) + 1)
+        let known = (3 * size_of::<u32>() + size_of::<[f32; 12]>()) * (groups.pow(3) + 1)
             + duals.pow(3)
             + BYTE_PADDING;
         (2 * known + size_of::<Packets>() + Cabin::bytes()) as u64
@@ -213,6 +213,7 @@ impl Packets {
             allowed,
             takes_wide,
         };
+        let are_proxies = matches!(accounts, Accounts::Proxies(_));
         let kinds = if self.kinds.is_empty() { &passage.brick.duals } else { &self.kinds };
         let ground = Ground {
             values: &passage.brick.narrow[0].values,
@@ -225,7 +226,8 @@ impl Packets {
             hi: range.hi.map(|c| c as f32),
             shades: &passage.brick.shades.rows,
             rates: &self.grades.rates,
-            levels: &self.grades.levels,
+            levels: if are_proxies { &self.grades.levels_near } else { &self.grades.levels },
+            are_proxies,
             storages: &passage.brick.shades.storages,
             stored: &self.grades.stored,
             storage: self.grades.storage,

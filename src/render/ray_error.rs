@@ -60,6 +60,10 @@ pub(super) struct Sums {
 }
 
 impl Sums {
+    /// Where nothing is known.
+    pub(super) const ANYTHING: Self =
+        Self { emission: f64::INFINITY, dimmed: f64::INFINITY, extinction: f64::INFINITY };
+
     /// Adds a stretch of `length` along which ∫ T̃ ds is at most `lit`.
     #[inline]
     pub(super) fn add(&mut self, change: Change, length: f64, lit: f64) {

@@ -22,6 +22,8 @@ pub(super) struct Cabin {
     seats: Seats,
     /// The squares that rays stand for, if they do, of all lanes.
     squares: Vec<Aboard>,
+    /// Whether rays are marched in place of others.
+    are_proxies: bool,
 }
 
 /// A square whose ray is in a lane: how far it is spread, and its account at the start.
@@ -34,7 +36,8 @@ struct Aboard {
 
 impl Cabin {
     pub(super) fn new() -> Self {
-        Self { packet: Packet::new(), seats: Seats::new(), squares: Vec::with_capacity(MOST_LANES) }
+        let squares = Vec::with_capacity(MOST_LANES);
+        Self { packet: Packet::new(), seats: Seats::new(), squares, are_proxies: false }
     }
 
     /// Most heap bytes.
@@ -60,6 +63,9 @@ impl Cabin {
         while self.packet.active != 0 {
             for blended in [false, true] {
                 self.go(ground, width, blended);
+            }
+            if self.are_proxies {
+                self.give_up(ground, rays, film);
             }
             for lane in lanes(self.packet.active) {
                 if ground.fit(self.packet.cell(lane)).is_none() {
@@ -90,7 +96,7 @@ impl Cabin {
         (rays, accounts): (&[Passenger], Accounts<'_>),
         film: &mut Rays<'_>,
     ) -> u64 {
-        let Self { packet, seats, squares } = self;
+        let Self { packet, seats, squares, .. } = self;
         squares.clear();
         seats.take(rays);
         let Place { region, range, shift, .. } = place;
@@ -99,9 +105,9 @@ impl Cabin {
         (packet.active, packet.count) = (met, 0);
         packet.clear_sums();
         let mut single = 0;
-        let are_proxies = matches!(accounts, Accounts::Proxies(_));
+        self.are_proxies = matches!(accounts, Accounts::Proxies(_));
         for (lane, (passenger, beam)) in rays.iter().zip(accounts.squares()).enumerate() {
-            single += self.take_square(place, (lane, passenger), (beam, are_proxies), film);
+            single += self.take_square(place, (lane, passenger), beam, film);
         }
         for lane in lanes(self.packet.active) {
             self.set_terms(place, lane, &film.states[rays[lane].index]);
@@ -115,21 +121,24 @@ impl Cabin {
         &mut self,
         place: &Place<'_>,
         (lane, Passenger { index, ray }): (usize, &Passenger),
-        (beam, is_proxy): (&Beam, bool),
+        beam: &Beam,
         film: &mut Rays<'_>,
     ) -> u64 {
         let span = (self.packet.active >> lane & 1 == 1).then(|| self.seats.span(lane));
         let (state, error) = (&mut film.states[*index], &mut film.errors[*index]);
         let before = *error;
         let met = (&place.region, span);
-        let spread = if is_proxy {
+        let spread = if self.are_proxies {
             spread_of(ray, met, beam)
         } else {
             arrive(place.passage, ray, met, beam, (state, error))
         };
         let is_wide = spread.0.iter().any(|spread| *spread > 1.0 - f64::from(SLACK));
         let mut single = 0;
-        if is_wide && !place.takes_wide {
+        if is_wide && self.are_proxies {
+            error.farthest = Sums::ANYTHING;
+            self.packet.active &= !(1 << lane);
+        } else if is_wide && !place.takes_wide {
             *error = before;
             single = march(place.passage, ray, place.light, state, Some((error, beam)));
             self.packet.active &= !(1 << lane);
@@ -142,6 +151,17 @@ impl Cabin {
         self.packet.turn.0[lane] = (2.0 * spread.1) as f32;
         self.squares.push(Aboard { beam: *beam, spread, before });
         single
+    }
+
+    /// Of proxies that have come to cells that are not fit for packets, nothing is said: what others
+    /// would find there is known for packets alone.
+    fn give_up(&mut self, ground: &Ground<'_>, rays: &[Passenger], film: &mut Rays<'_>) {
+        for lane in lanes(self.packet.active) {
+            if ground.fit(self.packet.cell(lane)).is_none() {
+                film.errors[rays[lane].index].farthest = Sums::ANYTHING;
+                self.packet.active &= !(1 << lane);
+            }
+        }
     }
 
     /// Sets what a lane may be off by, and where it may end.

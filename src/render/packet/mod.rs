@@ -84,6 +84,9 @@ pub(super) struct Ground<'g> {
     /// Where rays stand for squares, for each group, and all in one: steepest slopes of x along each
     /// axis, half the ranges of these, the range of x, and a filler; else empty.
     pub(super) reliefs: &'g [[f32; 8]],
+    /// Whether rays are marched in place of others, near them: then `levels` holds for places a cell
+    /// beside each group as well, as all else does that is known of groups.
+    pub(super) are_proxies: bool,
     /// How far kinks are looked for around what a square's rays see.
     pub(super) reach: f32,
     /// Groups along an edge.
@@ -321,6 +324,10 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
         if !ground.levels.is_empty() {
             let rates = rates_at(l, ground.levels, group, active);
             sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, lit, way);
+        }
+        if ground.are_proxies {
+            // Others' values are not those that were met.
+            steep.slopes = [l.splat(f32::MAX); 3];
         }
         sums.stored = add_stored::<L, ABSORBS>(l, sums.stored, (stored, active), &steep, way);
         active = go_on::<L, ABSORBS>(l, &mut walk, &exit, active, (sums.depth, fade));
