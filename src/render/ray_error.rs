@@ -178,12 +178,30 @@ pub(super) struct Lent {
     levels: Sums,
     storage: Sums,
     march: Sums,
-    /// Difference of the rays.
+    /// Difference of the rays, and what of that is not linear in their displacement.
     pub(super) apart: Sums,
+    pub(super) bent: Sums,
     quadrature: f64,
 }
 
 impl Lent {
+    /// Takes `apart` to be what a mean of rays is off by, weighted so that their displacements
+    /// cancel, in place of a ray between them: none is farther from it than `apart` says, and what is
+    /// linear cancels, but for what transmittances differ by. With k = ∫ |Δκ| ds these do so by a
+    /// factor of e^k at most; what is bent counts twice, for the mean and the ray.
+    pub(super) fn cancel(&mut self) {
+        let k = self.apart.extinction;
+        let factor = k.exp();
+        let second = Sums {
+            extinction: 2.0 * self.bent.extinction + k * k * factor,
+            ..self.bent.times(2.0 * factor).plus(self.apart.times(k.exp_m1()))
+        };
+        // Infinity less infinity is no number.
+        if k < 1.0 {
+            self.apart = self.apart.min(second);
+        }
+    }
+
     /// The larger of each: what a mean of both is off by, whatever their shares.
     pub(super) fn max(self, other: &Self) -> Self {
         Self {
@@ -191,6 +209,7 @@ impl Lent {
             storage: self.storage.max(other.storage),
             march: self.march.max(other.march),
             apart: self.apart.max(other.apart),
+            bent: self.bent.max(other.bent),
             quadrature: self.quadrature.max(other.quadrature),
         }
     }
@@ -276,6 +295,7 @@ impl RayError {
             storage: seen(self.storage),
             march: seen(self.march),
             apart: seen(self.farthest),
+            bent: seen(self.uneven),
             quadrature: self.quadrature / transmittance,
         }
     }

@@ -186,6 +186,12 @@ impl Relief {
         self.groups.iter().map(|group| group.levels).fold(Change::default(), Change::max)
     }
 
+    /// The largest half range of slopes along each axis in any group.
+    pub(super) fn most_uneven(&self) -> [f64; 3] {
+        let larger = |a: [f64; 3], b: &[f64; 3]| std::array::from_fn(|n| a[n].max(b[n]));
+        self.groups.iter().fold([0.0; 3], |most, group| larger(most, &group.uneven))
+    }
+
     /// What half as many cells along each axis would likely make of light in some group, at least.
     pub(super) fn likely_thinned(&self) -> Change {
         // A slope that rises evenly by its range over a group and the cells beside it lets chords of

@@ -65,6 +65,12 @@ pub(super) fn linear_at(point: [f64; 3]) -> f64 {
     0.3 + 0.02 * point[0] - 0.01 * point[1] + 0.015 * point[2]
 }
 
+/// Values that bend evenly over a brick of any level.
+pub(super) fn bent(level: u32, cell: [i128; 3]) -> f64 {
+    let along = |a: usize| (cell[a] as f64 + 0.5) / f64::from(1 << level);
+    0.2 + 0.004 * (along(0) - 7.0).powi(2) + 0.002 * along(1) * along(2) / 9.0
+}
+
 impl TestData {
     pub(super) fn new(leaf: fn(u32, [i128; 3]) -> f64) -> Self {
         let boxes = vec![

@@ -6,17 +6,11 @@ use proptest::prelude::*;
 use super::*;
 use crate::render::interpolant::DrawnNeighbours;
 use crate::render::march_tests::{smooth, steps};
-use crate::render::test_data::{At, BRICKS, TestData, UNTIDY_BRICKS, linear, rough};
+use crate::render::test_data::{At, BRICKS, TestData, UNTIDY_BRICKS, bent, linear, rough};
 use crate::render::transfer_pieces::TransferPieces;
 use crate::scene::TransferFunction;
 
 const EDGE: u32 = 8;
-
-/// Values that bend evenly over a brick of any level.
-fn bent(level: u32, cell: [i128; 3]) -> f64 {
-    let along = |a: usize| (cell[a] as f64 + 0.5) / f64::from(1 << level);
-    0.2 + 0.004 * (along(0) - 7.0).powi(2) + 0.002 * along(1) * along(2) / 9.0
-}
 
 fn surveyed(data: &TestData, (level, at): At, transfer: &TransferPieces) -> ScaledBrick {
     surveyed_of(EDGE, data, (level, at), transfer)

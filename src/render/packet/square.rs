@@ -23,7 +23,7 @@ pub(super) struct Squares<L: Lanes> {
 }
 
 /// How far the values of a square's rays are from its centre's: at most; and on average but for
-/// what cancels between opposite ones.
+/// what cancels between opposite ones; of proxies, at most but for what is linear in displacements.
 #[derive(Clone, Copy)]
 pub(super) struct Shift<L: Lanes> {
     most: L::Float,
@@ -68,6 +68,10 @@ impl<L: Lanes> Squares<L> {
         let over =
             l.fma(slope[0], spread[0], l.fma(slope[1], spread[1], l.mul(slope[2], spread[2])));
         let most = l.min(over, row[6]);
+        if ground.are_proxies {
+            let uneven = self.bent(l, ground, (walk, way), (uneven, most));
+            return Shift { most, uneven, range: row[6] };
+        }
         let mut smooth = l.mul(self.turn, most);
         for n in 0..3 {
             let [a, b] = PAIRS[n];
@@ -90,6 +94,44 @@ impl<L: Lanes> Squares<L> {
         let uneven = l.min(half_most, l.add(parted, bent));
         let uneven = l.max(l.select(self.wide, half_most, uneven), zero);
         Shift { most, uneven, range: row[6] }
+    }
+
+    /// How far values at displaced places are from what is linear in their displacement, at most,
+    /// where slopes differ within a group by twice `uneven`. In cells without blending slopes change
+    /// along another axis by no more than that over a cell, and step at faces.
+    #[inline(always)]
+    fn bent(
+        &self,
+        l: L,
+        ground: &Ground<'_>,
+        (walk, way): (&Walk<L>, L::Float),
+        (uneven, most): ([L::Float; 3], L::Float),
+    ) -> L::Float {
+        let (two, zero, one) = (l.splat(2.0), l.splat(0.0), l.splat(1.0));
+        let spread = self.spread;
+        let mut anywhere = zero;
+        for a in 0..3 {
+            anywhere = l.fma(uneven[a], spread[a], anywhere);
+        }
+        anywhere = l.mul(l.min(anywhere, most), two);
+        if !ground.kinds.is_empty() {
+            return anywhere;
+        }
+        let mut bent = zero;
+        for n in 0..3 {
+            let [a, b] = PAIRS[n];
+            bent = l.fma(l.min(uneven[a], uneven[b]), l.mul(spread[a], spread[b]), bent);
+        }
+        let ends = [walk.place, walk.behind(way)];
+        for a in 0..3 {
+            // Beyond the lower face or the upper one, where the ray is nearest to it.
+            let nearest = l.min(ends[0][a], ends[1][a]);
+            let lower = l.max(l.sub(spread[a], nearest), zero);
+            let nearest = l.sub(one, l.max(ends[0][a], ends[1][a]));
+            let upper = l.max(l.sub(spread[a], nearest), zero);
+            bent = l.fma(uneven[a], l.add(lower, upper), bent);
+        }
+        l.select(self.wide, anywhere, l.min(l.mul(bent, two), anywhere))
     }
 
     /// How far the squares' rays are, on average over the way and the square, beyond a plane that
@@ -177,8 +219,14 @@ impl<L: Lanes> Shift<L> {
         let near = l.min(l.div(long, l.max(seen.rise, l.splat(f32::MIN_POSITIVE))), l.splat(1.0));
         let part =
             l.min(l.fma(self.most, l.splat(0.25), self.uneven), l.mul(self.most, l.splat(0.5)));
-        let at_kinks = l.mul(near, part);
-        let third = l.mul(l.mul(self.most, self.most), l.splat(1.0 / 3.0));
+        let square = l.mul(self.most, self.most);
+        // Of a part of the way up to 1.58 of its share is seen: that of a depth of 1.
+        let [at_kinks, third] = if ground.are_proxies {
+            let near = l.min(l.mul(near, l.splat(1.6)), l.splat(1.0));
+            [l.mul(near, self.most), square]
+        } else {
+            [l.mul(near, part), l.mul(square, l.splat(1.0 / 3.0))]
+        };
         let emission = l.fma(slope, self.uneven, l.mul(curved, third));
         let emission = l.fma(l.sub(high[0], low[0]), at_kinks, emission);
         let extinction = l.fma(l.sub(high[1], low[1]), at_kinks, l.mul(fade, self.uneven));

@@ -14,6 +14,8 @@ use glam::DVec2;
 
 use super::super::march::spread_of;
 use super::super::ray_error::{Lent, Sums};
+use super::super::span::Span;
+use super::super::view::Basis;
 use super::super::walk::clip;
 use super::*;
 
@@ -26,6 +28,8 @@ const FEWEST: usize = 256;
 const OPTIMISM: f64 = 2.0;
 /// And never closer than this, pixels: closer ones take as long as the rays themselves.
 pub(super) const NEAREST: u32 = 4;
+/// So many times as close are those of the next lattice.
+const FINER: u32 = 4;
 /// And no farther than this, cells: accounts of rays that are more than a cell apart say little.
 const WIDEST: f64 = 0.9;
 /// Cells around a place of which groups are looked at one by one.
@@ -55,9 +59,8 @@ pub(super) struct Proxies {
     errors: Vec<RayError>,
     /// Row by row.
     spots: Vec<Spot>,
-    /// The largest transmittance of rays in a block that need more, row by row; 0 where there is
-    /// none.
-    blocks: Vec<f64>,
+    /// The blocks with rays that need more.
+    blocks: Vec<[u32; 2]>,
 }
 
 /// Corners of square blocks of pixels, from the tile's first on.
@@ -82,16 +85,6 @@ impl Lattice {
     fn blocks(&self) -> impl Iterator<Item = [u32; 2]> + use<> {
         let [columns, rows] = self.count;
         (0..rows).flat_map(move |y| (0..columns).map(move |x| [x, y]))
-    }
-
-    fn number(&self, [x, y]: [u32; 2]) -> usize {
-        (y * self.count[0] + x) as usize
-    }
-
-    /// The number of the block that holds a place.
-    fn block_at(&self, place: [f64; 2]) -> usize {
-        let at = |a: usize| (place[a] as u32).saturating_sub(self.first[a]) / self.apart;
-        self.number(std::array::from_fn(|a| at(a).min(self.count[a] - 1)))
     }
 
     /// The pixels of a block.
@@ -126,7 +119,7 @@ impl Proxies {
 
     /// Most heap bytes.
     pub(super) fn bytes() -> usize {
-        Self::SPOTS * (size_of::<Spot>() + size_of::<f64>())
+        Self::SPOTS * (size_of::<Spot>() + size_of::<[u32; 2]>())
             + MOST_BOARDING * (size_of::<RayState>() + size_of::<RayError>())
     }
 
@@ -176,11 +169,17 @@ pub(super) fn first_apart(
     let edge = passage.brick.edge as f64;
     let crossing = frame.crossing(footprint, edge);
     let whole = &passage.brick.relief.whole;
-    let apart: f64 = (0..3).map(|a| whole.slope[a] * spread[a]).sum();
-    let change = whole.span.slope.times(apart).times(crossing);
-    let rims = whole.span.most.times(2.0 * widest * crossing / edge);
-    let off = change.plus(rims).light(behind) * open.transmittance;
-    floor_to_power((OPTIMISM * SHARE * limit / off).min(WIDEST / widest))
+    let over = |slopes: [f64; 3]| (0..3).map(|a| slopes[a] * spread[a]).sum::<f64>();
+    let uneven = over(passage.brick.relief.most_uneven());
+    let rim = widest * crossing / edge;
+    // What proxies a pixel from each other are off by, and what of that is left where all that is
+    // linear cancels, which grows with the square of their distance.
+    let change = whole.span.slope.times(over(whole.slope));
+    let first = change.times(crossing).plus(whole.span.most.times(2.0 * rim));
+    let second = whole.span.slope.times(uneven * widest * crossing).plus(change.times(2.0 * rim));
+    let allowed = SHARE * limit / open.transmittance;
+    let apart = (allowed / first.light(behind)).max((allowed / second.light(behind)).sqrt());
+    floor_to_power((OPTIMISM * apart).min(WIDEST / widest))
 }
 
 impl Tile {
@@ -197,37 +196,32 @@ impl Tile {
         let mut samples = 0;
         while apart >= NEAREST && open.count >= FEWEST {
             let lattice = Lattice::over(&self.rect, pixels, apart);
-            open = self.choose(lattice, pixels);
+            self.choose(lattice, pixels);
             samples += self.march_proxies(part, (light, grid), lattice, open.transmittance);
-            let (served, fitting) = self.lend(lattice, pixels, light, thinning);
-            open.count -= served;
-            apart = floor_to_power(fitting * f64::from(apart)).min(apart / 2);
+            let served = self.lend(lattice, pixels, light, (thinning, open.transmittance));
+            open.count = open.count.saturating_sub(served);
+            // Most of what fails does so at the brick's edges, which fewer rays of finer lattices are near.
+            apart = if apart > NEAREST { (apart / FINER).max(NEAREST) } else { 0 };
         }
         samples
     }
 
-    /// Finds the blocks with rays in `pixels` that need more, and the corners of these. Returns what
-    /// rays these are.
-    fn choose(&mut self, lattice: Lattice, pixels: &PixelRect) -> Open {
-        self.proxies.spots.clear();
-        self.proxies.spots.resize(lattice.spots(), Spot::default());
-        let mut blocks = std::mem::take(&mut self.proxies.blocks);
-        blocks.clear();
-        blocks.resize(lattice.count.iter().map(|n| *n as usize).product(), 0.0);
-        let mut count = 0;
-        for index in self.open(*pixels) {
-            count += 1;
-            let most = &mut blocks[lattice.block_at(self.squares[index].centre)];
-            *most = self.states[index].transmittance.max(*most);
-        }
-        for (block, _) in lattice.blocks().zip(&blocks).filter(|(_, most)| **most > 0.0) {
-            for corner in lattice.corners(block) {
-                self.proxies.spots[corner].is_wanted = true;
+    /// Finds the blocks with rays in `pixels` that need more, and the corners of these.
+    fn choose(&mut self, lattice: Lattice, pixels: &PixelRect) {
+        let mut spots = std::mem::take(&mut self.proxies.spots);
+        spots.clear();
+        spots.resize(lattice.spots(), Spot::default());
+        self.proxies.blocks.clear();
+        for block in lattice.blocks() {
+            let rect = lattice.pixels(block).intersection(pixels);
+            if self.open(rect).next().is_some() {
+                self.proxies.blocks.push(block);
+                for corner in lattice.corners(block) {
+                    spots[corner].is_wanted = true;
+                }
             }
         }
-        let transmittance = blocks.iter().copied().fold(0.0, f64::max);
-        self.proxies.blocks = blocks;
-        Open { count, transmittance }
+        self.proxies.spots = spots;
     }
 
     fn march_proxies(
@@ -244,7 +238,7 @@ impl Tile {
             while next < self.proxies.spots.len() && self.boarding.len() < MOST_BOARDING {
                 if self.proxies.spots[next].is_wanted {
                     let ray = frame.ray(grid.plane_at(lattice.place(next)));
-                    self.beams.push(beam(frame, &ray, half, 1.0));
+                    self.beams.push(beam_of_proxy(frame, &ray, half));
                     self.boarding.push(Passenger { index: self.boarding.len(), ray });
                 }
                 next += 1;
@@ -262,8 +256,11 @@ impl Tile {
                 wanted.zip(states.iter().zip(errors.iter_mut()).zip(rays))
             {
                 let ends = [transmittance, state.transmittance];
-                error.farthest = error.farthest.plus(at_faces(passage, ray, beam, ends));
+                let [apart, bent] = at_faces(passage, ray, beam, ends);
+                error.farthest = error.farthest.plus(apart);
+                error.uneven = error.uneven.plus(bent);
                 *spot = Spot::of(state, error, transmittance);
+                spot.stretch(frame, ray, half);
             }
             self.boarding.clear();
             self.beams.clear();
@@ -272,32 +269,27 @@ impl Tile {
     }
 
     /// Gives rays in blocks whose accounts allow it what their proxies have gathered. Returns how many
-    /// these are, and what fits of the lattice's width for the block, of all others, that allows
-    /// most.
+    /// these are.
     fn lend(
         &mut self,
         lattice: Lattice,
         pixels: &PixelRect,
         light: &Light<'_>,
-        Thinning { limit, behind, .. }: Thinning<'_>,
-    ) -> (usize, f64) {
-        let (mut served, mut fitting) = (0, 0.0_f64);
-        for block in lattice.blocks() {
-            let largest = self.proxies.blocks[lattice.number(block)];
-            if largest == 0.0 {
-                continue;
-            }
+        (Thinning { limit, behind, .. }, transmittance): (Thinning<'_>, f64),
+    ) -> usize {
+        let mut served = 0;
+        for n in 0..self.proxies.blocks.len() {
+            let block = self.proxies.blocks[n];
             let corners = lattice.corners(block);
-            let account = self.proxies.account(corners);
-            let off = account.apart.light(behind) * largest;
+            let mut account = self.proxies.account(corners);
+            account.cancel();
+            let off = account.apart.light(behind) * transmittance;
             if off <= SHARE * limit {
                 let rect = lattice.pixels(block);
                 served += self.lend_block((rect, pixels), (corners, &account), light);
-            } else if off.is_finite() {
-                fitting = fitting.max(SHARE * limit / off);
             }
         }
-        (served, fitting)
+        served
     }
 
     fn lend_block(
@@ -334,42 +326,82 @@ impl Tile {
     }
 }
 
+/// The square of half width `half` around a proxy. Rays are compared at equal depths along the view,
+/// not at equal distances from the eye: there their places are linear in those on the image plane.
+fn beam_of_proxy(frame: &Frame, ray: &LocalRay, half: DVec2) -> Beam {
+    let Basis { right, up, .. } = frame.basis;
+    let spread = (right.abs() * half.x + up.abs() * half.y) / frame.cell_width;
+    Beam { spread: spread.to_array(), angle: 0.0, ..beam(frame, ray, half, 1.0) }
+}
+
 /// What rays of a proxy's square may see of a brick before the proxy comes into it, or after it has
-/// left, and the other way round, if so much light comes through from in front of it and behind.
-fn at_faces(passage: &Passage<'_>, ray: &LocalRay, beam: &Beam, [before, after]: [f64; 2]) -> Sums {
-    let Region { lo, hi, .. } = passage.inside();
+/// left, and the other way round, if so much light comes through from in front of it and behind; and
+/// what of that is not linear in their displacement.
+fn at_faces(
+    passage: &Passage<'_>,
+    ray: &LocalRay,
+    beam: &Beam,
+    [before, after]: [f64; 2],
+) -> [Sums; 2] {
+    let region = passage.inside();
+    let Region { lo, hi, .. } = region;
     let span = clip(ray, lo, hi);
-    let (spread, _) = spread_of(ray, (&passage.inside(), span), beam);
+    let (spread, _) = spread_of(ray, (&region, span), beam);
     let moved = |faces: [f64; 3], sign: f64| std::array::from_fn(|a| faces[a] + sign * spread[a]);
-    let Some(wide) = clip(ray, moved(lo, -1.0), moved(hi, 1.0)) else { return Sums::default() };
+    let Some(wide) = clip(ray, moved(lo, -1.0), moved(hi, 1.0)) else {
+        return [Sums::default(); 2];
+    };
     let whole = &passage.brick.relief.whole;
     let narrow = clip(ray, moved(lo, 1.0), moved(hi, -1.0));
     let (Some((from, to)), Some(narrow)) = (span, narrow) else {
         let length = (wide.1 - wide.0) * ray.length;
-        return Sums::of(whole.span.most.plus(whole.levels), length, length * before);
+        return [Sums::of(whole.span.most.plus(whole.levels), length, length * before); 2];
     };
     // A ray enters once, before the proxy or after.
     let rims = [
         ((from - wide.0).max(narrow.0 - from), from, before),
         ((wide.1 - to).max(to - narrow.1), to, after),
     ];
-    let mut sums = Sums::default();
-    for (rim, sigma, transmittance) in rims {
-        let reach =
-            rim * ray.direction.abs().max_element() + spread.iter().copied().fold(0.0, f64::max);
+    let mut sums = [Sums::default(); 2];
+    for (rim, sigma, transmittance) in rims.into_iter().filter(|(rim, ..)| *rim > 0.0) {
+        let along = ray.direction.abs() * rim;
+        let reach = along.max_element() + spread.iter().copied().fold(0.0, f64::max);
         let point = ray.origin + ray.direction * sigma;
-        let group = if reach > MOST_REACH {
-            *whole
-        } else {
-            passage.brick.relief.near(point.to_array(), reach)
-        };
+        let relief = &passage.brick.relief;
+        let group = if reach > MOST_REACH { *whole } else { relief.near(point.to_array(), reach) };
         let most = group.span.most.plus(group.levels);
         let length = rim * ray.length;
         // At the far end the proxy, and so what is seen, is not yet as dim as behind it.
         let seen = (transmittance * (most.extinction * length).exp()).min(before);
-        sums = sums.plus(Sums::of(most, length, length * seen));
+        let apart = Sums::of(most, length, length * seen);
+        sums[0] = sums[0].plus(apart);
+        let bent = if is_at_one_face((&region, spread), point, along) {
+            // Rays come through one plane, at depths that are linear but for perspective; and what
+            // they meet between them is the same but for how values change there.
+            let over: f64 = (0..3).map(|a| group.slope[a] * (2.0 * spread[a] + along[a])).sum();
+            let Span { slope, variation, jumps, .. } = group.span;
+            let change = slope.times(over).min(variation).plus(jumps).plus(group.levels);
+            let depth = beam.depth + sigma;
+            let curved = if ray.sigma_min.is_finite() { 4.0 * rim / depth } else { 0.0 };
+            let change = change.plus(most.times(curved.abs()));
+            Sums::of(change, length, length * seen).min(apart)
+        } else {
+            apart
+        };
+        sums[1] = sums[1].plus(bent);
     }
     sums
+}
+
+/// Whether no more than one face of a region is near a point on its border: within the spread of rays
+/// there and so many cells along them.
+fn is_at_one_face((region, spread): (&Region, [f64; 3]), point: DVec3, along: DVec3) -> bool {
+    let is_near = |face: usize| {
+        let a = face % 3;
+        let plane = if face < 3 { region.lo[a] } else { region.hi[a] };
+        (point[a] - plane).abs() <= (spread[a] + along[a]) * (1.0 + 1e-9)
+    };
+    (0..6).filter(|&face| is_near(face)).count() <= 1
 }
 
 impl Spot {
@@ -379,6 +411,26 @@ impl Spot {
         let [r, g, b] = state.radiance;
         let gathered = [r, g, b, state.transmittance, absorbed].map(|x| x * seen);
         Self { gathered, account: error.lent(transmittance), is_wanted: true }
+    }
+
+    /// Adds what rays of the proxy's square are off by because they are longer or shorter between
+    /// equal depths, and what of that is not linear in their displacement. |forward + aside| has
+    /// slopes of at most |aside| over itself, and second derivatives of at most 1 over itself.
+    fn stretch(&mut self, frame: &Frame, ray: &LocalRay, half: DVec2) {
+        if !frame.is_perspective {
+            return;
+        }
+        let aside = (ray.length * ray.length - 1.0).max(0.0).sqrt() + half.length();
+        let [slope, bend] = [aside, half.length()].map(|x| x * half.length() / ray.length.powi(2));
+        let [r, g, b, through, absorbed] = self.gathered;
+        let all = Sums {
+            emission: r.max(g).max(b),
+            dimmed: absorbed,
+            extinction: -through.max(f64::MIN_POSITIVE).ln(),
+        };
+        let Lent { apart, bent, .. } = &mut self.account;
+        *bent = bent.plus(all.times(bend)).plus(apart.times(slope));
+        *apart = apart.plus(all.times(slope + bend));
     }
 }
 

@@ -6,7 +6,7 @@ use super::*;
 use crate::render::interpolant::DrawnNeighbours;
 use crate::render::march_tests::{shells, smooth};
 use crate::render::packet_tests::{EDGE, LONGEST, Setting, WIDTH, surveyed};
-use crate::render::test_data::{BRICKS, TestData, linear, rough};
+use crate::render::test_data::{BRICKS, TestData, bent, linear, rough};
 use crate::render::test_scene::{scene, view};
 use crate::render::transfer_pieces::TransferPieces;
 use crate::render::view::Basis;
@@ -43,11 +43,11 @@ fn frame(grid: &PixelGrid, at: [f64; 3], along: DVec3, pixel: f64, is_perspectiv
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(48))]
+    #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
     fn rays_are_off_by_no_more_than_they_say(
-        (number, kind, is_shell) in (0..BRICKS.len(), 0..2_usize, any::<bool>()),
+        (number, kind, is_shell) in (0..BRICKS.len(), 0..3_usize, any::<bool>()),
         at in prop::array::uniform3(1.0..7.0_f64),
         along in prop::array::uniform3(-1.0..1.0_f64),
         (pixel, is_perspective) in ((-4.0..-0.5_f64).prop_map(f64::exp), any::<bool>()),
@@ -55,7 +55,7 @@ proptest! {
     ) {
         let along = DVec3::from_array(along).try_normalize();
         prop_assume!(along.is_some());
-        let data = TestData::new([linear, rough][kind]);
+        let data = TestData::new([linear, rough, bent][kind]);
         let function = if is_shell { shells() } else { smooth() };
         let exact = TransferPieces::new(&function, |_| 0.0);
         let brick = surveyed(&data, BRICKS[number], &exact);
@@ -146,7 +146,6 @@ fn lattices_hold_each_pixel_once() {
                 })
                 .collect();
             assert_eq!(holding.len(), 1);
-            assert_eq!(lattice.block_at(place), lattice.number(holding[0]));
             let corners = lattice.corners(holding[0]).map(|corner| lattice.place(corner));
             assert!(corners[0].iter().zip(&place).all(|(a, b)| a < b));
             assert!(corners[3].iter().zip(&place).all(|(a, b)| a > b));
