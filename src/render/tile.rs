@@ -1,5 +1,7 @@
 //! A batch of rays that walk the tree together, and what they have gathered.
 
+mod faces;
+mod lattice;
 mod proxies;
 
 use std::iter::from_fn;
@@ -11,7 +13,7 @@ use super::frame::{Footprint, Frame, LocalRay};
 use super::grade::Care;
 use super::interpolant::DrawnNeighbours;
 use super::lanes::MOST_LANES;
-use super::march::{Beam, Light, Passage, Region, march};
+use super::march::{Beam, Light, Passage, march};
 use super::march_packets::{Accounts, Packets, Passenger, Rays};
 use super::margin::{Part, parts};
 use super::ray_error::{Change, RayError};

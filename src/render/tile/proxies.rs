@@ -4,19 +4,18 @@
 //! only rays at the corners of a square lattice on the image plane, *proxies*, are marched through
 //! it, and rays between them take bilinear means of what the four around them gather, each behind
 //! what it has itself met in front. A proxy stands for the square of all that may take from it, and
-//! its account says how far any of these may differ from it (`render/packet/square.rs`). Bricks in
-//! front and behind are not marched by the same proxies, so where rays of the square enter or leave
-//! before the proxy does or after, all that is there counts. A mean of pictures is off by no more than the mean of what
-//! these are off by, so the largest of four accounts holds for it. Blocks of a lattice whose
-//! accounts say too much are tried with a finer one, at last ray by ray.
+//! its account says how far any of these may differ from it, and how much of that is not linear in
+//! their displacement (`render/packet/square.rs`; `docs/ACCURACY.md`, "Between proxies"). A mean of
+//! pictures is off by no more than the mean of what these are off by, so the largest of four
+//! accounts holds for it. Blocks of a lattice whose accounts say too much are tried with a finer
+//! one, at last ray by ray.
 
 use glam::DVec2;
 
-use super::super::march::spread_of;
 use super::super::ray_error::{Lent, Sums};
-use super::super::span::Span;
 use super::super::view::Basis;
-use super::super::walk::clip;
+use super::faces::at_faces;
+use super::lattice::Lattice;
 use super::*;
 
 /// What proxies may make of a ray's light in a brick, as a part of what fewer cells may.
@@ -32,8 +31,6 @@ pub(super) const NEAREST: u32 = 4;
 const FINER: u32 = 4;
 /// And no farther than this, cells: accounts of rays that are more than a cell apart say little.
 const WIDEST: f64 = 0.9;
-/// Cells around a place of which groups are looked at one by one.
-const MOST_REACH: f64 = 4.0;
 /// Proxies are so many pixels apart, at most.
 const FARTHEST: f64 = TILE_SIDE as f64;
 
@@ -43,6 +40,8 @@ struct Spot {
     gathered: Gathered,
     account: Lent,
     is_wanted: bool,
+    /// Whether it needs no more, and may have ended in the brick.
+    is_done: bool,
 }
 
 /// Light (R, G, B), and the shares of that from behind that come through and do not.
@@ -61,56 +60,6 @@ pub(super) struct Proxies {
     spots: Vec<Spot>,
     /// The blocks with rays that need more.
     blocks: Vec<[u32; 2]>,
-}
-
-/// Corners of square blocks of pixels, from the tile's first on.
-#[derive(Clone, Copy)]
-struct Lattice {
-    first: [u32; 2],
-    /// Edge of a block, pixels.
-    apart: u32,
-    /// Number of blocks along x and y.
-    count: [u32; 2],
-}
-
-impl Lattice {
-    /// Over `pixels`, with blocks aligned to those of the whole tile.
-    fn over(tile: &PixelRect, pixels: &PixelRect, apart: u32) -> Self {
-        let below = |a: usize| (pixels.lo[a] - tile.lo[a]) / apart;
-        let first = std::array::from_fn(|a| tile.lo[a] + below(a) * apart);
-        let count = std::array::from_fn(|a| (pixels.hi[a] - first[a]).div_ceil(apart));
-        Self { first, apart, count }
-    }
-
-    fn blocks(&self) -> impl Iterator<Item = [u32; 2]> + use<> {
-        let [columns, rows] = self.count;
-        (0..rows).flat_map(move |y| (0..columns).map(move |x| [x, y]))
-    }
-
-    /// The pixels of a block.
-    fn pixels(&self, block: [u32; 2]) -> PixelRect {
-        let lo = std::array::from_fn(|a| self.first[a] + block[a] * self.apart);
-        PixelRect { lo, hi: lo.map(|x| x + self.apart) }
-    }
-
-    /// The numbers of the four corners of a block among all.
-    fn corners(&self, [x, y]: [u32; 2]) -> [usize; 4] {
-        let side = self.count[0] as usize + 1;
-        let first = y as usize * side + x as usize;
-        [first, first + 1, first + side, first + side + 1]
-    }
-
-    /// The place of a corner, pixels.
-    fn place(&self, corner: usize) -> [f64; 2] {
-        let side = self.count[0] as usize + 1;
-        let at = [corner % side, corner / side];
-        std::array::from_fn(|a| f64::from(self.first[a]) + (at[a] * self.apart as usize) as f64)
-    }
-
-    /// Number of corners.
-    fn spots(&self) -> usize {
-        self.count.map(|n| n as usize + 1).iter().product()
-    }
 }
 
 impl Proxies {
@@ -260,6 +209,7 @@ impl Tile {
                 error.farthest = error.farthest.plus(apart);
                 error.uneven = error.uneven.plus(bent);
                 *spot = Spot::of(state, error, transmittance);
+                spot.is_done = state.is_done(&light.ending);
                 spot.stretch(frame, ray, half);
             }
             self.boarding.clear();
@@ -284,7 +234,10 @@ impl Tile {
             let mut account = self.proxies.account(corners);
             account.cancel();
             let off = account.apart.light(behind) * transmittance;
-            if off <= SHARE * limit {
+            // Rays that take from some which have ended early, and do not end themselves, would not know
+            // what they miss.
+            let done = corners.iter().filter(|corner| self.proxies.spots[**corner].is_done).count();
+            if off <= SHARE * limit && (done == 0 || done == corners.len()) {
                 let rect = lattice.pixels(block);
                 served += self.lend_block((rect, pixels), (corners, &account), light);
             }
@@ -334,83 +287,14 @@ fn beam_of_proxy(frame: &Frame, ray: &LocalRay, half: DVec2) -> Beam {
     Beam { spread: spread.to_array(), angle: 0.0, ..beam(frame, ray, half, 1.0) }
 }
 
-/// What rays of a proxy's square may see of a brick before the proxy comes into it, or after it has
-/// left, and the other way round, if so much light comes through from in front of it and behind; and
-/// what of that is not linear in their displacement.
-fn at_faces(
-    passage: &Passage<'_>,
-    ray: &LocalRay,
-    beam: &Beam,
-    [before, after]: [f64; 2],
-) -> [Sums; 2] {
-    let region = passage.inside();
-    let Region { lo, hi, .. } = region;
-    let span = clip(ray, lo, hi);
-    let (spread, _) = spread_of(ray, (&region, span), beam);
-    let moved = |faces: [f64; 3], sign: f64| std::array::from_fn(|a| faces[a] + sign * spread[a]);
-    let Some(wide) = clip(ray, moved(lo, -1.0), moved(hi, 1.0)) else {
-        return [Sums::default(); 2];
-    };
-    let whole = &passage.brick.relief.whole;
-    let narrow = clip(ray, moved(lo, 1.0), moved(hi, -1.0));
-    let (Some((from, to)), Some(narrow)) = (span, narrow) else {
-        let length = (wide.1 - wide.0) * ray.length;
-        return [Sums::of(whole.span.most.plus(whole.levels), length, length * before); 2];
-    };
-    // A ray enters once, before the proxy or after.
-    let rims = [
-        ((from - wide.0).max(narrow.0 - from), from, before),
-        ((wide.1 - to).max(to - narrow.1), to, after),
-    ];
-    let mut sums = [Sums::default(); 2];
-    for (rim, sigma, transmittance) in rims.into_iter().filter(|(rim, ..)| *rim > 0.0) {
-        let along = ray.direction.abs() * rim;
-        let reach = along.max_element() + spread.iter().copied().fold(0.0, f64::max);
-        let point = ray.origin + ray.direction * sigma;
-        let relief = &passage.brick.relief;
-        let group = if reach > MOST_REACH { *whole } else { relief.near(point.to_array(), reach) };
-        let most = group.span.most.plus(group.levels);
-        let length = rim * ray.length;
-        // At the far end the proxy, and so what is seen, is not yet as dim as behind it.
-        let seen = (transmittance * (most.extinction * length).exp()).min(before);
-        let apart = Sums::of(most, length, length * seen);
-        sums[0] = sums[0].plus(apart);
-        let bent = if is_at_one_face((&region, spread), point, along) {
-            // Rays come through one plane, at depths that are linear but for perspective; and what
-            // they meet between them is the same but for how values change there.
-            let over: f64 = (0..3).map(|a| group.slope[a] * (2.0 * spread[a] + along[a])).sum();
-            let Span { slope, variation, jumps, .. } = group.span;
-            let change = slope.times(over).min(variation).plus(jumps).plus(group.levels);
-            let depth = beam.depth + sigma;
-            let curved = if ray.sigma_min.is_finite() { 4.0 * rim / depth } else { 0.0 };
-            let change = change.plus(most.times(curved.abs()));
-            Sums::of(change, length, length * seen).min(apart)
-        } else {
-            apart
-        };
-        sums[1] = sums[1].plus(bent);
-    }
-    sums
-}
-
-/// Whether no more than one face of a region is near a point on its border: within the spread of rays
-/// there and so many cells along them.
-fn is_at_one_face((region, spread): (&Region, [f64; 3]), point: DVec3, along: DVec3) -> bool {
-    let is_near = |face: usize| {
-        let a = face % 3;
-        let plane = if face < 3 { region.lo[a] } else { region.hi[a] };
-        (point[a] - plane).abs() <= (spread[a] + along[a]) * (1.0 + 1e-9)
-    };
-    (0..6).filter(|&face| is_near(face)).count() <= 1
-}
-
 impl Spot {
     fn of(state: &RayState, error: &RayError, transmittance: f64) -> Self {
         let seen = transmittance.recip();
         let absorbed = (transmittance - state.transmittance) + state.transmittance_excess;
         let [r, g, b] = state.radiance;
         let gathered = [r, g, b, state.transmittance, absorbed].map(|x| x * seen);
-        Self { gathered, account: error.lent(transmittance), is_wanted: true }
+        let account = error.lent(transmittance);
+        Self { gathered, account, is_wanted: true, is_done: false }
     }
 
     /// Adds what rays of the proxy's square are off by because they are longer or shorter between

@@ -1,0 +1,85 @@
+//! What a proxy's rays see of a brick where they enter and leave it.
+//!
+//! Bricks in front and behind are not marched by the same proxies: where a ray of the square comes
+//! into the brick before the proxy does, or after, all that is there counts.
+
+use glam::DVec3;
+
+use super::super::frame::LocalRay;
+use super::super::march::{Beam, Passage, Region, spread_of};
+use super::super::ray_error::Sums;
+use super::super::span::Span;
+use super::super::walk::clip;
+
+/// Cells around a place of which groups are looked at one by one.
+const MOST_REACH: f64 = 4.0;
+
+/// What rays of a proxy's square may see of a brick before the proxy comes into it, or after it has
+/// left, and the other way round, if so much light comes through from in front of it and behind; and
+/// what of that is not linear in their displacement.
+pub(super) fn at_faces(
+    passage: &Passage<'_>,
+    ray: &LocalRay,
+    beam: &Beam,
+    [before, after]: [f64; 2],
+) -> [Sums; 2] {
+    let region = passage.inside();
+    let Region { lo, hi, .. } = region;
+    let span = clip(ray, lo, hi);
+    let (spread, _) = spread_of(ray, (&region, span), beam);
+    let moved = |faces: [f64; 3], sign: f64| std::array::from_fn(|a| faces[a] + sign * spread[a]);
+    let Some(wide) = clip(ray, moved(lo, -1.0), moved(hi, 1.0)) else {
+        return [Sums::default(); 2];
+    };
+    let whole = &passage.brick.relief.whole;
+    let narrow = clip(ray, moved(lo, 1.0), moved(hi, -1.0));
+    let (Some((from, to)), Some(narrow)) = (span, narrow) else {
+        let length = (wide.1 - wide.0) * ray.length;
+        return [Sums::of(whole.span.most.plus(whole.levels), length, length * before); 2];
+    };
+    // A ray enters once, before the proxy or after.
+    let rims = [
+        ((from - wide.0).max(narrow.0 - from), from, before),
+        ((wide.1 - to).max(to - narrow.1), to, after),
+    ];
+    let mut sums = [Sums::default(); 2];
+    for (rim, sigma, transmittance) in rims.into_iter().filter(|(rim, ..)| *rim > 0.0) {
+        let along = ray.direction.abs() * rim;
+        let reach = along.max_element() + spread.iter().copied().fold(0.0, f64::max);
+        let point = ray.origin + ray.direction * sigma;
+        let relief = &passage.brick.relief;
+        let group = if reach > MOST_REACH { *whole } else { relief.near(point.to_array(), reach) };
+        let most = group.span.most.plus(group.levels);
+        let length = rim * ray.length;
+        // At the far end the proxy, and so what is seen, is not yet as dim as behind it.
+        let seen = (transmittance * (most.extinction * length).exp()).min(before);
+        let apart = Sums::of(most, length, length * seen);
+        sums[0] = sums[0].plus(apart);
+        let bent = if is_at_one_face((&region, spread), point, along) {
+            // Rays come through one plane, at depths that are linear but for perspective; and what
+            // they meet between them is the same but for how values change there.
+            let over: f64 = (0..3).map(|a| group.slope[a] * (2.0 * spread[a] + along[a])).sum();
+            let Span { slope, variation, jumps, .. } = group.span;
+            let change = slope.times(over).min(variation).plus(jumps).plus(group.levels);
+            let depth = beam.depth + sigma;
+            let curved = if ray.sigma_min.is_finite() { 4.0 * rim / depth } else { 0.0 };
+            let change = change.plus(most.times(curved.abs()));
+            Sums::of(change, length, length * seen).min(apart)
+        } else {
+            apart
+        };
+        sums[1] = sums[1].plus(bent);
+    }
+    sums
+}
+
+/// Whether no more than one face of a region is near a point on its border: within the spread of rays
+/// there and so many cells along them.
+fn is_at_one_face((region, spread): (&Region, [f64; 3]), point: DVec3, along: DVec3) -> bool {
+    let is_near = |face: usize| {
+        let a = face % 3;
+        let plane = if face < 3 { region.lo[a] } else { region.hi[a] };
+        (point[a] - plane).abs() <= (spread[a] + along[a]) * (1.0 + 1e-9)
+    };
+    (0..6).filter(|&face| is_near(face)).count() <= 1
+}
