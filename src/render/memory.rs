@@ -70,7 +70,7 @@ struct Demand {
     /// One thread's decoder and buffers; and its rays and what it marches them by.
     scratch: u64,
     tile: u64,
-    /// A slot with a brick of the largest kind; and thinner ones of such.
+    /// A slot with a brick of the largest kind; and thinner ones of such, 0 where there are none.
     slot: u64,
     thinned: u64,
     /// Whether all bricks stay.
@@ -110,9 +110,12 @@ impl MemoryPlan {
                 index_windows: index_bytes.div_ceil(WINDOW_BYTES),
                 page_table: header.index_pages.saturating_mul(8),
                 scratch: BrickScratch::bytes(cache),
-                tile: Tile::bytes(header.shape, blocks) + Sheet::BYTES,
+                tile: Tile::bytes(header.shape, blocks, interpolation) + Sheet::BYTES,
                 slot: loaded_bytes(header.shape, blocks, interpolation),
-                thinned: Thinner::bytes_kept(header.shape),
+                thinned: match interpolation {
+                    Interpolation::Linear => Thinner::bytes_kept(header.shape),
+                    Interpolation::Cell => 0,
+                },
                 resident: options.resident,
             },
             options.memory,
@@ -139,8 +142,8 @@ impl MemoryPlan {
         let more_writers =
             (threads.min(MOST_WRITERS as u64) - 1).min(left / EXTRA_SHARE / writing(demand));
         let left = left - more_writers * writing(demand);
-        let thinned =
-            (left / EXTRA_SHARE / threads / demand.thinned.max(1)).min(MOST_THINNED.min(bricks));
+        let room = (left / EXTRA_SHARE / threads).checked_div(demand.thinned).unwrap_or(0);
+        let thinned = room.min(MOST_THINNED).min(bricks);
         let left = left - thinned * threads * demand.thinned;
         let more_slots = (left / demand.slot.max(1)).min(bricks.saturating_sub(fewest_slots));
         let (windows, slots) = (fewest_windows + more_windows, fewest_slots + more_slots);

@@ -25,6 +25,7 @@ use super::transfer_pieces::PieceList;
 use super::tree_walk::Step;
 use super::waiting::Found;
 use crate::cache::BrickShape;
+use crate::scene::Interpolation;
 
 /// How many rays are looked at one by one for the brightest that still needs light.
 const FEW_RAYS: usize = 64;
@@ -92,16 +93,20 @@ pub(super) struct Thinning<'t> {
 
 impl Tile {
     /// Most bytes that a tile takes, for bricks of `shape` with `blocks` blocks.
-    pub(super) fn bytes(shape: BrickShape, blocks: usize) -> u64 {
+    pub(super) fn bytes(shape: BrickShape, blocks: usize, interpolation: Interpolation) -> u64 {
         let of_ray = size_of::<Square>()
             + size_of::<[DVec2; 2]>()
             + size_of::<RayState>()
             + size_of::<RayError>()
             + 4;
-        (BATCH_RAYS * of_ray + MOST_BOARDING * (size_of::<Passenger>() + size_of::<Beam>())) as u64
-            + Packets::bytes(shape)
-            + Proxies::bytes() as u64
-            + Thinner::bytes(shape, blocks)
+        let of_boarding = size_of::<Passenger>() + size_of::<Beam>();
+        // Constant cells are neither thinned nor seen by proxies.
+        let of_linear = match interpolation {
+            Interpolation::Linear => Proxies::bytes() as u64 + Thinner::bytes(shape, blocks),
+            Interpolation::Cell => 0,
+        };
+        let of_all = (BATCH_RAYS * of_ray + MOST_BOARDING * of_boarding) as u64;
+        of_all + Packets::bytes(shape) + of_linear
     }
 
     /// A tile without rays, with room for thinner ones of so many bricks.
@@ -120,7 +125,7 @@ impl Tile {
             boarding: Vec::with_capacity(MOST_BOARDING),
             beams: Vec::with_capacity(MOST_BOARDING),
             thinner: Thinner::new(thinned),
-            proxies: Proxies::new(),
+            proxies: Proxies::default(),
         }
     }
 
@@ -240,6 +245,7 @@ impl Tile {
         samples
     }
 
+    /// The rays in `rect` that need more.
     fn open_rays(&self, rect: &PixelRect) -> Open {
         self.open(*rect).fold(Open::default(), |Open { count, transmittance }, index| Open {
             count: count + 1,

@@ -38,39 +38,53 @@ pub(super) fn at_faces(
         return [Sums::of(whole.span.most.plus(whole.levels), length, length * before); 2];
     };
     // A ray enters once, before the proxy or after.
-    let rims = [
-        ((from - wide.0).max(narrow.0 - from), from, before),
-        ((wide.1 - to).max(to - narrow.1), to, after),
-    ];
+    let enters = Rim { way: (from - wide.0).max(narrow.0 - from), sigma: from, seen: before };
+    let leaves = Rim { way: (wide.1 - to).max(to - narrow.1), sigma: to, seen: after };
     let mut sums = [Sums::default(); 2];
-    for (rim, sigma, transmittance) in rims.into_iter().filter(|(rim, ..)| *rim > 0.0) {
-        let along = ray.direction.abs() * rim;
-        let reach = along.max_element() + spread.iter().copied().fold(0.0, f64::max);
-        let point = ray.origin + ray.direction * sigma;
-        let relief = &passage.brick.relief;
-        let group = if reach > MOST_REACH { *whole } else { relief.near(point.to_array(), reach) };
-        let most = group.span.most.plus(group.levels);
-        let length = rim * ray.length;
-        // At the far end the proxy, and so what is seen, is not yet as dim as behind it.
-        let seen = (transmittance * (most.extinction * length).exp()).min(before);
-        let apart = Sums::of(most, length, length * seen);
-        sums[0] = sums[0].plus(apart);
-        let bent = if is_at_one_face((&region, spread), point, along) {
-            // Rays come through one plane, at depths that are linear but for perspective; and what
-            // they meet between them is the same but for how values change there.
-            let over: f64 = (0..3).map(|a| group.slope[a] * (2.0 * spread[a] + along[a])).sum();
-            let Span { slope, variation, jumps, .. } = group.span;
-            let change = slope.times(over).min(variation).plus(jumps).plus(group.levels);
-            let depth = beam.depth + sigma;
-            let curved = if ray.sigma_min.is_finite() { 4.0 * rim / depth } else { 0.0 };
-            let change = change.plus(most.times(curved.abs()));
-            Sums::of(change, length, length * seen).min(apart)
-        } else {
-            apart
-        };
-        sums[1] = sums[1].plus(bent);
+    for rim in [enters, leaves].into_iter().filter(|rim| rim.way > 0.0) {
+        let [apart, bent] = at_face(passage, ray, (beam, spread), (rim, before));
+        sums = [sums[0].plus(apart), sums[1].plus(bent)];
     }
     sums
+}
+
+/// Where a proxy enters or leaves.
+struct Rim {
+    /// How much before it others may do so, or after it, σ; where it does itself; and how much light
+    /// comes through from there.
+    way: f64,
+    sigma: f64,
+    seen: f64,
+}
+
+/// The same of one of both, where at most so much light is seen.
+fn at_face(
+    passage: &Passage<'_>,
+    ray: &LocalRay,
+    (beam, spread): (&Beam, [f64; 3]),
+    (Rim { way, sigma, seen }, most_seen): (Rim, f64),
+) -> [Sums; 2] {
+    let along = ray.direction.abs() * way;
+    let reach = along.max_element() + spread.iter().copied().fold(0.0, f64::max);
+    let point = ray.origin + ray.direction * sigma;
+    let relief = &passage.brick.relief;
+    let group = if reach > MOST_REACH { relief.whole } else { relief.near(point.into(), reach) };
+    let most = group.span.most.plus(group.levels);
+    let length = way * ray.length;
+    // At the far end the proxy, and so what is seen, is not yet as dim as behind it.
+    let lit = length * (seen * (most.extinction * length).exp()).min(most_seen);
+    let apart = Sums::of(most, length, lit);
+    if !is_at_one_face((&passage.inside(), spread), point, along) {
+        return [apart; 2];
+    }
+    // Rays come through one plane, at depths that are linear but for perspective; and what they meet
+    // between them is the same but for how values change there.
+    let over: f64 = (0..3).map(|a| group.slope[a] * (2.0 * spread[a] + along[a])).sum();
+    let Span { slope, variation, jumps, .. } = group.span;
+    let change = slope.times(over).min(variation).plus(jumps).plus(group.levels);
+    let is_perspective = ray.sigma_min.is_finite();
+    let curved = if is_perspective { 4.0 * way / (beam.depth + sigma).abs() } else { 0.0 };
+    [apart, Sums::of(change.plus(most.times(curved)), length, lit).min(apart)]
 }
 
 /// Whether no more than one face of a region is near a point on its border: within the spread of rays

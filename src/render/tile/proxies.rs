@@ -52,7 +52,7 @@ fn between(a: Gathered, b: Gathered, u: f64) -> Gathered {
 }
 
 /// The proxies of a tile in one brick. The memory is reused from brick to brick.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Proxies {
     states: Vec<RayState>,
     errors: Vec<RayError>,
@@ -72,16 +72,16 @@ impl Proxies {
             + MOST_BOARDING * (size_of::<RayState>() + size_of::<RayError>())
     }
 
-    pub(super) fn new() -> Self {
-        Self {
-            states: Vec::with_capacity(MOST_BOARDING),
-            errors: Vec::with_capacity(MOST_BOARDING),
-            spots: Vec::with_capacity(Self::SPOTS),
-            blocks: Vec::with_capacity(Self::SPOTS),
-        }
+    /// Takes the memory, once.
+    fn reserve(&mut self) {
+        let Self { states, errors, spots, blocks } = self;
+        states.reserve_exact(MOST_BOARDING.saturating_sub(states.len()));
+        errors.reserve_exact(MOST_BOARDING.saturating_sub(errors.len()));
+        spots.reserve_exact(Self::SPOTS.saturating_sub(spots.len()));
+        blocks.reserve_exact(Self::SPOTS.saturating_sub(blocks.len()));
     }
 
-    /// The same, and how far a block's rays may be off.
+    /// How far a block's rays may be off.
     fn account(&self, corners: [usize; 4]) -> Lent {
         let [a, b, c, d] = corners.map(|corner| &self.spots[corner].account);
         a.max(b).max(c).max(d)
@@ -142,6 +142,7 @@ impl Tile {
         (light, grid): (&Light<'_>, &PixelGrid),
         (mut apart, thinning, mut open): (u32, Thinning<'_>, Open),
     ) -> u64 {
+        self.proxies.reserve();
         let mut samples = 0;
         while apart >= NEAREST && open.count >= FEWEST {
             let lattice = Lattice::over(&self.rect, pixels, apart);
