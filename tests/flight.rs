@@ -124,6 +124,37 @@ fn a_shining_core_is_neither_lost_nor_flickers() -> twin::Result<()> {
     Subject::real(DEEP)?.map_or(Ok(()), |subject| fly(&subject, &parts))
 }
 
+/// Of pixels four times as narrow.
+const FINER: [usize; 2] = [36, 24];
+
+/// The light of a whole frame does not depend on how many pixels it falls on.
+fn look_closer(subject: &Subject) -> twin::Result<()> {
+    let flight = Flight::new(&subject.dataset, SIZE);
+    let middle = subject.reference(&flight.frame(FRAMES / 2, 1.0), effort(1e-3))?;
+    let tolerance = TOLERANCE * middle.picture.largest();
+    let text = flight.frame(FRAMES - 2, tolerance);
+    let size = |[width, height]: [usize; 2]| format!("width = {width}\nheight = {height}\n");
+    let finer = text.replace(&size(SIZE), &size(FINER));
+    assert_ne!(finer, text);
+    let mean = |text: &str| -> twin::Result<f64> {
+        let picture = subject.picture(text, 0.0)?.film;
+        let red: Vec<f64> = picture.pixels().iter().map(|pixel| f64::from(pixel[0])).collect();
+        Ok(red.iter().sum::<f64>() / red.len() as f64)
+    };
+    let (coarse, fine) = (mean(&text)?, mean(&finer)?);
+    if is_within(coarse - fine, 2.0 * tolerance) {
+        return Ok(());
+    }
+    let name = &subject.name;
+    Err(format!("{name}: {coarse:e} with {SIZE:?} pixels, {fine:e} with {FINER:?}, {tolerance:e}"))
+}
+
+#[test]
+fn more_pixels_do_not_lose_a_shining_core() -> twin::Result<()> {
+    look_closer(&Subject::synthetic("deep25")?)?;
+    Subject::real(DEEP)?.map_or(Ok(()), |subject| look_closer(&subject))
+}
+
 #[test]
 #[ignore = "a minute: two flights of a hundred frames"]
 fn whole_flights_are_steady() -> twin::Result<()> {

@@ -140,7 +140,7 @@ pub(super) struct Grades {
     /// As [`super::packet::Ground`] has them.
     pub(super) rates: Vec<u32>,
     pub(super) levels: Vec<u32>,
-    /// The same of places near groups, where rays stand for others.
+    /// The same of places near groups, once [`Self::look_around`] was asked for it.
     pub(super) levels_near: Vec<u32>,
     pub(super) reliefs: Vec<[f32; 8]>,
     pub(super) reach: f32,
@@ -186,7 +186,6 @@ impl Grades {
             self.reliefs.push(row(&relief.whole));
             self.reach = up(reach + most);
             self.is_fit_for_wide = grader.is_smooth(&relief.whole);
-            self.fill_levels_near(relief.side());
         }
     }
 
@@ -209,15 +208,19 @@ impl Grades {
     /// What lies beneath.
     fn fill_levels(&mut self, (relief, hides): (&Relief, bool), transfer: &PacketTransfer) {
         self.levels.clear();
+        self.levels_near.clear();
         if hides {
             let groups = (0..relief.count()).map(|n| relief.group(n));
             self.levels.extend(groups.map(|group| pack(group.levels, &transfer.table)));
         }
     }
 
-    /// What lies beneath a group or any beside it, of so many along an edge.
-    fn fill_levels_near(&mut self, side: usize) {
-        self.levels_near.clear();
+    /// Finds what lies beneath a group or any beside it, of so many along an edge, unless that is
+    /// known.
+    pub(super) fn look_around(&mut self, side: usize) {
+        if !self.levels_near.is_empty() {
+            return;
+        }
         self.levels_near.extend_from_slice(&self.levels);
         for stride in [1, side, side * side] {
             // Along one axis after the other, by what was there before: the last is kept.

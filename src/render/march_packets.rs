@@ -214,6 +214,9 @@ impl Packets {
             takes_wide,
         };
         let are_proxies = matches!(accounts, Accounts::Proxies(_));
+        if are_proxies {
+            self.grades.look_around(passage.brick.relief.side());
+        }
         let kinds = if self.kinds.is_empty() { &passage.brick.duals } else { &self.kinds };
         let ground = Ground {
             values: &passage.brick.narrow[0].values,

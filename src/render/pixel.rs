@@ -143,6 +143,12 @@ impl Pixel {
         self.taken + self.alone.own.value()
     }
 
+    /// The same once a square left, `weight` of the pixel, is known by rays that may be off by so much.
+    pub(super) fn beside_mean_with(&self, whole: &Found, weight: f64, shares: &ErrorShares) -> f64 {
+        let known = whole.uneven.map_or(0.0, |_| own(&whole.shares));
+        self.beside_mean() + weight * (own(shares) - known)
+    }
+
     /// What it is off by as far as its rays tell, and not more than the bound.
     pub(super) fn estimate(&self) -> f64 {
         (self.beside_mean() + self.unlikely(0.0)).min(self.bound().total())

@@ -120,7 +120,7 @@ impl Sheet {
             let Chosen { again, wholes } = if to_do.alone {
                 Chosen { again: Vec::new(), wholes: self.still_unsure(grid, group, found) }
             } else {
-                self.settle(grid, group, &found);
+                self.settle(grid, (group, &found), !to_do.quartered);
                 self.still_bad(grid, group, &found, &to_do)
             };
             let mut squares: Vec<_> = again.iter().map(|found| found.square).collect();
@@ -155,12 +155,14 @@ impl Sheet {
                     0 => harm > median,
                     _ => harm > SMALL_HARM * median,
                 };
-                if is_over || is_good || bound <= room || !scouts.is_none_or(stands_out) {
+                let again = !to_do.quartered && (scouts.is_none() || self.may_shine(bound));
+                let matters = again || scouts.is_none_or(stands_out);
+                if is_over || is_good || bound <= room || !matters {
                     self.conclude(grid, found, to_do);
-                } else if to_do.quartered || scouts.is_some() {
-                    chosen.wholes.push(*found);
-                } else {
+                } else if again {
                     chosen.again.push(*found);
+                } else {
+                    chosen.wholes.push(*found);
                 }
             }
         }

@@ -5,6 +5,7 @@ use std::array::from_fn;
 
 use super::{Batch, GROUP_PIXELS, MOST_HALVINGS, Next, Sheet, movable};
 use crate::render::goal::Goal;
+use crate::render::grade::Care;
 use crate::render::pixel::{Pixel, Unevenness, own};
 use crate::render::ray_error::ErrorShares;
 use crate::render::rays::PixelGrid;
@@ -95,7 +96,7 @@ impl Sheet {
             found.shares.total() > allowed && grid.has_area() && !goal.all_levels
         };
         if self.goal.as_ref().is_some_and(may_be) {
-            let alone = ToDo { quartered: true, alone: true, ..marched.clone() };
+            let alone = ToDo { quartered: true, alone: true, care: Care::Rough, ..marched.clone() };
             self.pixels[pixel].leave(found, weight);
             self.wait_alone(grid, found, &alone);
         } else {
@@ -133,13 +134,20 @@ impl Sheet {
         let marched = ToDo { quartered: false, cut, before: care, care, alone: false };
         for (whole, quarters) in batch.wholes.iter().zip(outcome.chunks_exact(4)) {
             let harm = |found: &Found| grid.weight(&found.square) * movable(&found.shares, care);
-            let most = (STANDS_OUT * harm(whole)).min(median);
+            let most = STANDS_OUT * harm(whole);
             for quarter in quarters {
-                if harm(quarter) > most && quarter.square.halvings < MOST_HALVINGS {
-                    next.quartered.push(*quarter);
-                } else {
+                let harm = harm(quarter);
+                if harm <= most.min(median) || quarter.square.halvings >= MOST_HALVINGS {
                     self.conclude(grid, quarter, &marched);
+                    continue;
                 }
+                // What shines in cells that are drawn too coarse, or is marched too roughly, can be
+                // anywhere in them.
+                let room = movable(&quarter.shares, care);
+                if next.takes(std::slice::from_ref(quarter), &quarter.shares, room, batch) {
+                    continue;
+                }
+                next.quartered.push(*quarter);
             }
         }
     }
@@ -156,7 +164,10 @@ impl Sheet {
         for (whole, quarters) in batch.wholes.iter().zip(outcome.chunks_exact(4)) {
             let mut mean = ErrorShares::default();
             quarters.iter().for_each(|quarter| mean.add(&quarter.shares, 0.25));
-            if next.takes(std::slice::from_ref(whole), &mean, room, batch) {
+            let pixel = &self.pixels[usize::from(whole.square.pixel)];
+            let is_good = movable(&mean, batch.care) <= room
+                || pixel.beside_mean_with(whole, grid.weight(&whole.square), &mean) <= room;
+            if !is_good && next.takes(std::slice::from_ref(whole), &mean, room, batch) {
                 continue;
             }
             let uneven = Unevenness::of(whole, from_fn(|n| &quarters[n].value));

@@ -10,6 +10,10 @@ const FAST: f64 = 2.0;
 /// The slowest that bounds are taken to fall: with this power of the number of rays.
 const SLOWEST: f64 = 0.05;
 
+/// Bounds of this many times the light that was expected say that something may shine that has not
+/// been seen.
+const UNSEEN: f64 = 10.0;
+
 /// The pixels that are being refined.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct GroupInHand {
@@ -33,8 +37,14 @@ pub(super) fn power([before, after]: [f64; 2]) -> Option<f64> {
 impl Sheet {
     /// Looks at whether most pixels of a group can come within the tolerance with the rays that are
     /// left, if bounds go on falling as they have. Where not, rays that stand for squares go only
-    /// where something small may shine. `found` are squares that wait as well.
-    pub(super) fn settle(&mut self, grid: &PixelGrid, number: usize, found: &[Found]) {
+    /// where something small may shine. `found` are squares that wait as well, to be marched `again`
+    /// or quartered.
+    pub(super) fn settle(
+        &mut self,
+        grid: &PixelGrid,
+        (number, found): (usize, &[Found]),
+        again: bool,
+    ) {
         let Some(goal) = self.goal.filter(|goal| grid.has_area() && !goal.all_levels) else {
             return;
         };
@@ -47,10 +57,17 @@ impl Sheet {
             let power = power(group.fallen).unwrap_or(goal.power);
             let left = (goal.rays_per_pixel as f64 / taken).powf(power);
             // What falls as fast as that has not shown yet what will be left.
-            let has_prospect = power > FAST || goal.certifies && median <= left * goal.tolerance;
+            let is_within_reach = goal.certifies && median <= left * goal.tolerance;
+            let has_prospect = power > FAST || is_within_reach || again && self.may_shine(median);
             group.scouts = (!has_prospect).then_some(median);
         }
         self.group = Some(group);
+    }
+
+    /// Whether what is off by so much may be something bright that no ray has met. Where it is shows
+    /// only in what rays are off by that are marched with care, through finer levels.
+    pub(super) fn may_shine(&self, bound: f64) -> bool {
+        self.goal.is_some_and(|goal| bound > UNSEEN * goal.behind)
     }
 
     /// The median of what a group's pixels are off by.
