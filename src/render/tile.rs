@@ -16,7 +16,7 @@ use super::lanes::MOST_LANES;
 use super::march::{Beam, Light, Passage, march};
 use super::march_packets::{Accounts, Packets, Passenger, Rays};
 use super::margin::{Part, parts};
-use super::ray_error::{Change, RayError, Sums};
+use super::ray_error::{Change, RayError};
 use super::ray_state::RayState;
 use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square, TILE_SIDE};
 use super::scaled::ScaledBrick;
@@ -57,8 +57,6 @@ pub(super) struct Tile {
     /// Rays for the next packets, and the squares that they stand for, if they do.
     boarding: Vec<Passenger>,
     beams: Vec<Beam>,
-    /// What levels have made of those that wait before they enter the brick in hand.
-    before: Vec<Sums>,
     thinner: Thinner,
     proxies: Proxies,
 }
@@ -101,7 +99,7 @@ impl Tile {
             + size_of::<RayState>()
             + size_of::<RayError>()
             + 4;
-        let of_boarding = size_of::<Passenger>() + size_of::<Beam>() + size_of::<Sums>();
+        let of_boarding = size_of::<Passenger>() + size_of::<Beam>();
         // Constant cells are neither thinned nor seen by proxies.
         let of_linear = match interpolation {
             Interpolation::Linear => Proxies::bytes() as u64 + Thinner::bytes(shape, blocks),
@@ -126,7 +124,6 @@ impl Tile {
             packets: Packets::new(),
             boarding: Vec::with_capacity(MOST_BOARDING),
             beams: Vec::with_capacity(MOST_BOARDING),
-            before: Vec::with_capacity(MOST_BOARDING),
             thinner: Thinner::new(thinned),
             proxies: Proxies::default(),
         }
@@ -290,8 +287,6 @@ impl Tile {
         }
         let covered = grid.covered(footprint);
         let alone = if accounts { Accounts::Alone(frame.depth) } else { Accounts::None };
-        let are_examples = accounts && grid.has_area() && !self.has_area;
-        let hidden = (are_examples && passage.hides).then_some((grid, covered));
         for row in pixels.rows() {
             let range = self.row(pixels, row);
             let mut at = range.start;
@@ -308,30 +303,22 @@ impl Tile {
                 }
                 self.boarding.push(Passenger { index, ray });
                 if !in_packets || self.boarding.len() == MOST_BOARDING {
-                    samples += self.depart(passage, light, (alone, in_packets), hidden);
+                    samples += self.depart(passage, light, (alone, in_packets));
                 }
             }
         }
-        samples += self.depart(passage, light, (alone, in_packets), hidden);
+        samples += self.depart(passage, light, (alone, in_packets));
         self.served.fill(0);
         samples
     }
 
     /// Marches the rays that wait, with accounts as `alone` says if they do not stand for squares.
-    /// Those that are examples of squares in which a brick that hides others covers so much of a
-    /// pixel, `hidden`, take so much of what levels may be off by: more of the square is not.
     fn depart(
         &mut self,
         passage: &Passage<'_>,
         light: &Light<'_>,
         (alone, in_packets): (Accounts<'_>, bool),
-        hidden: Option<(&PixelGrid, f64)>,
     ) -> u64 {
-        if hidden.is_some() {
-            let errors = &mut self.errors;
-            let levels = |rider: &Passenger| std::mem::take(&mut errors[rider.index].levels);
-            self.before.extend(self.boarding.iter().map(levels));
-        }
         let accounts = if self.beams.is_empty() { alone } else { Accounts::Squares(&self.beams) };
         let mut samples = 0;
         if in_packets {
@@ -346,17 +333,10 @@ impl Tile {
                 let account = beam.as_ref().map(|beam| (&mut self.errors[index], beam));
                 samples += march(passage, &ray, light, state, account);
             }
-            if let (Some((grid, covered)), Some(before)) = (hidden, self.before.get(n)) {
-                let levels = &mut self.errors[index].levels;
-                let share =
-                    (covered / grid.weight(&self.squares[index])).clamp(f64::MIN_POSITIVE, 1.0);
-                *levels = before.plus(levels.times(share));
-            }
             if state.is_done(&light.ending) {
                 self.alive[index / 64] &= !(1 << (index % 64));
             }
         }
-        self.before.clear();
         self.beams.clear();
         samples
     }
