@@ -167,7 +167,8 @@ impl Cabin {
     /// Sets what a lane may be off by, and where it may end.
     fn set_terms(&mut self, place: &Place<'_>, lane: usize, state: &RayState) {
         let length = self.seats.length(lane) * self.seats.unit(lane);
-        self.packet.thickness.0[lane] = (length * place.transfer.table.extinction) as f32;
+        let thickness = length * place.transfer.table.extinction;
+        self.packet.thickness.0[lane] = thickness.min(f64::from(f32::MAX)) as f32;
         let seen = state.transmittance * length;
         let allowed = place.allowed / (seen * place.transfer.table.emission);
         self.packet.allowed.0[lane] = allowed.min(f64::from(f32::MAX)) as f32;
@@ -222,9 +223,11 @@ impl Cabin {
             error.storage = error.storage.plus(sums(packet.stored.each_ref().map(sum)));
             error.place_behind(state.radiance, before);
         }
-        let light = packet.light.each_ref().map(|row| sum(row) * seen * table.emission);
-        state.gather(light);
-        state.absorb(sum(&packet.depth).max(0.0));
+        let [red, green, blue, depth] = packet.left.each_ref().map(sum);
+        let [r, g, b] = packet.light.each_ref().map(sum);
+        let light = [r + red, g + green, b + blue];
+        state.gather(light.map(|light| light * seen * table.emission));
+        state.absorb((sum(&packet.depth) + depth).max(0.0));
     }
 
     /// A lane whose sums were given to its ray begins anew.

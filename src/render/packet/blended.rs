@@ -268,9 +268,7 @@ impl<L: Lanes> Part<L> {
             let own = own.along(l, share);
             let both = own.plus(l, above);
             let ([w, d], [v, e]) = (a[n], b[n]);
-            // From the nodes to the ends of the line.
-            let off = l.mul(both.distance(l), l.splat(5.5));
-            let change = l.fma(distance(l, d, e), l.splat(1.733), off);
+            let change = l.fma(distance(l, d, e), l.splat(1.733), both.lean(l));
             let turn = l.mul(distance(l, v, w), l.splat(1.733));
             above = both;
             // The weight makes a fourth power of the difference's third; and of its fourth one a
@@ -285,6 +283,7 @@ impl<L: Lanes> Part<L> {
                 let level = &self.parents[n - 1];
                 let zero = l.splat(0.0);
                 let apart = l.add(l.add(distance(l, d, zero), distance(l, e, zero)), change);
+                let apart = l.add(apart, both.distance(l));
                 let straight = l.is_index(l.gather_bytes(&BENT, level.missing), 0);
                 let kink = l.mul(apart, l.mul(level.length, l.splat(share)));
                 above.kink = l.add(above.kink, l.select(straight, zero, kink));

@@ -18,6 +18,7 @@ mod cells;
 mod cube;
 mod deal;
 mod gain;
+mod long;
 mod rows;
 mod shade;
 mod square;
@@ -126,6 +127,8 @@ pub(super) struct Packet {
     pub(super) light: [Row; 3],
     /// Optical depth passed.
     pub(super) depth: Row,
+    /// What rounding has left of light and depth where cells are constant; else 0.
+    pub(super) left: [Row; 4],
     /// What is off as [`crate::render::ray_error::Sums`] have it, per unit of t: by the march, by
     /// levels, and by storage.
     pub(super) off: [Row; 3],
@@ -156,6 +159,7 @@ impl Packet {
             active: 0,
             light: [Row::ZERO; 3],
             depth: Row::ZERO,
+            left: [Row::ZERO; 4],
             off: [Row::ZERO; 3],
             levels: [Row::ZERO; 3],
             stored: [Row::ZERO; 3],
@@ -182,6 +186,7 @@ impl Packet {
     pub(super) fn clear_sums(&mut self) {
         self.light = [Row::ZERO; 3];
         self.depth = Row::ZERO;
+        self.left = [Row::ZERO; 4];
         self.off = [Row::ZERO; 3];
         self.levels = [Row::ZERO; 3];
         self.stored = [Row::ZERO; 3];
@@ -193,6 +198,7 @@ impl Packet {
     pub(super) fn clear_lane(&mut self, lane: usize) {
         let sums = self.light.iter_mut().chain(&mut self.off).chain(&mut self.levels);
         let sums = sums.chain(&mut self.stored).chain(&mut self.farthest).chain(&mut self.uneven);
+        let sums = sums.chain(&mut self.left);
         for row in sums.chain([&mut self.depth]) {
             row.0[lane % MOST_LANES] = 0.0;
         }

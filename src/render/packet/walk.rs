@@ -1,24 +1,11 @@
 //! The walk of a packet from cell to cell.
 #![allow(clippy::needless_range_loop)]
 
+use super::long::{Long, apart, difference, select};
 use super::rows::{behind, distance, load, store};
 use super::{Ground, Packet};
 use crate::render::lanes::Lanes;
 use crate::render::relief::GROUP_EDGE;
-
-/// A number as the sum of two f32, the second of which is what the first one's rounding left.
-pub(super) type Long<L> = [<L as Lanes>::Float; 2];
-
-/// a − b: where they are close, to what the second numbers round by.
-#[inline(always)]
-pub(super) fn apart<L: Lanes>(l: L, a: Long<L>, b: Long<L>) -> L::Float {
-    l.add(l.sub(a[0], b[0]), l.sub(a[1], b[1]))
-}
-
-#[inline(always)]
-fn select<L: Lanes>(l: L, mask: L::Mask, a: Long<L>, b: Long<L>) -> Long<L> {
-    [l.select(mask, a[0], b[0]), l.select(mask, a[1], b[1])]
-}
 
 /// The walk from cell to cell; every plane's t is computed anew, so that nothing drifts, and as a
 /// sum of two f32, so that cells far along the ray are as exact as the first. The first numbers of
@@ -203,6 +190,12 @@ impl<L: Lanes> Walk<L> {
         // Rounding may put planes that the ray has come to behind it.
         let t = select(l, l.is_at_most(zero, way), t, self.t);
         Exit { t, way: l.max(way, zero), axes: [along_x, along_y, along_z], at_end }
+    }
+
+    /// How long the way to the exit is, as the sum of two.
+    #[inline(always)]
+    pub(super) fn way_to(&self, exit: &Exit<L>) -> Long<L> {
+        difference(self.l, exit.t, self.t)
     }
 
     /// How far it is from the exit on to a t.
