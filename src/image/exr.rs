@@ -5,9 +5,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::thread::{Builder, ScopedJoinHandle};
 
-use exr::block::chunk::Chunk;
-use exr::block::lines::LineRefMut;
-use exr::block::{BlockIndex, UncompressedBlock};
+use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
 use exr::compression::Compression;
 use exr::error::Error as ExrError;
 use exr::math::Vec2;
@@ -16,12 +14,13 @@ use exr::meta::header::Header;
 use exr::meta::{BlockDescription, MetaData, magic_number, sequence_end};
 
 use super::film::Film;
+use super::zip;
 use crate::atomic_file::AtomicFile;
 use crate::{Error, Result};
 
 /// The channels as the format wants them, by name, each with its place in a pixel.
 const CHANNELS: [(&str, usize); 4] = [("A", 3), ("B", 2), ("G", 1), ("R", 0)];
-/// Widest picture (pixels) whose rows are compressed 16 together: compressing takes about five
+/// Widest picture (pixels) whose rows are compressed 16 together: compressing takes up to four
 /// times a block of 16 bytes a pixel.
 const WIDEST_IN_BLOCKS: u32 = 4096;
 /// Most threads that compress.
@@ -94,7 +93,7 @@ fn write_image<W: Write + Seek>(
     for (batch, offsets) in offsets.chunks_mut(threads).enumerate() {
         let first = batch * threads;
         for (chunk, offset) in
-            compressed(&headers, film, first..first + offsets.len()).into_iter().zip(offsets)
+            compressed(&headers[0], film, first..first + offsets.len()).into_iter().zip(offsets)
         {
             *offset = writer.stream_position()?;
             chunk?.write(writer, headers.len())?;
@@ -107,11 +106,11 @@ fn write_image<W: Write + Seek>(
 
 /// Blocks of rows, each compressed on a thread of its own; the first on this one.
 fn compressed(
-    headers: &[Header; 1],
+    header: &Header,
     film: &Film,
     mut blocks: Range<usize>,
 ) -> Vec<exr::error::Result<Chunk>> {
-    let compress = |index: usize| block(&headers[0], film, index).compress_to_chunk(headers);
+    let compress = |index: usize| block(header, film, index);
     let Some(first) = blocks.next() else { return Vec::new() };
     std::thread::scope(|scope| {
         let others: Vec<_> = blocks
@@ -169,20 +168,20 @@ fn write_offsets(writer: &mut impl Write, offsets: &[u64]) -> std::io::Result<()
 }
 
 /// Block `index` from the top, of as many rows as the compression takes together.
-fn block(header: &Header, film: &Film, index: usize) -> UncompressedBlock {
+fn block(header: &Header, film: &Film, index: usize) -> exr::error::Result<Chunk> {
     let rows = header.compression.scan_lines_per_block();
     let top = index * rows;
-    let size = Vec2(header.layer_size.0, rows.min(header.layer_size.1 - top));
-    let place =
-        BlockIndex { layer: 0, pixel_position: Vec2(0, top), pixel_size: size, level: Vec2(0, 0) };
-    let width = header.layer_size.0;
-    UncompressedBlock::from_lines(&header.channels, place, |line: LineRefMut<'_>| {
-        let (_, channel) = CHANNELS[line.location.channel];
-        let start = line.location.position.1 * width;
-        let row = &film.pixels()[start..start + width];
-        for (bytes, pixel) in line.value.chunks_exact_mut(4).zip(row) {
-            // The crate takes samples in the machine's own byte order.
-            bytes.copy_from_slice(&pixel[channel].to_ne_bytes());
+    let width = film.width() as usize;
+    let end = film.pixels().len().min((top + rows) * width);
+    let pixels = &film.pixels()[top * width..end];
+    let mut samples = Vec::with_capacity(size_of_val(pixels));
+    for row in pixels.chunks_exact(width) {
+        for (_, channel) in CHANNELS {
+            samples.extend(row.iter().flat_map(|pixel| pixel[channel].to_le_bytes()));
         }
-    })
+    }
+    let y_coordinate = i32::try_from(top).map_err(std::io::Error::other)?;
+    let block =
+        CompressedScanLineBlock { y_coordinate, compressed_pixels_le: zip::compress(samples)? };
+    Ok(Chunk { layer_index: 0, compressed_block: CompressedBlock::ScanLine(block) })
 }

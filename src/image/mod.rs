@@ -4,6 +4,7 @@ mod exr;
 mod film;
 mod format;
 mod png;
+mod zip;
 
 pub use exr::{MOST_WRITERS, write_exr};
 pub use film::Film;

@@ -22,8 +22,8 @@ const STACK_TOUCHED: u64 = 256 << 10;
 const MAX_READERS: usize = 4;
 /// Slots of the smallest pool for bricks read ahead, for each marching thread.
 const AHEAD_SLOTS: usize = 2;
-/// Memory per pixel of a row that writing a picture takes at a time: 16 rows of 16 bytes, raw,
-/// compressed and in between.
+/// Memory per pixel of a row that writing a picture takes at a time: 16 rows of 16 bytes, raw, in
+/// between, and compressed, for which there is room to be grown once.
 const WRITING_PER_COLUMN: u64 = 4 * 16 * 16;
 /// The rest of what writing takes, on each thread.
 const WRITING_FIXED: u64 = 1 << 20;
