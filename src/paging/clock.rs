@@ -1,12 +1,16 @@
 //! The pool's bookkeeping: which brick is in which slot, and whose slot is reused next.
 
-use std::collections::HashMap;
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, HashMap};
 use std::sync::Arc;
 
 /// Passes of the hand that a brick in use a while ago survives.
 const CREDIT_USED: u8 = 1;
 /// Passes of the hand that a brick survives that was loaded ahead and not used yet.
 const CREDIT_AHEAD: u8 = 2;
+
+/// Turns that are noted for each slot, at most on average.
+const TURNS_PER_SLOT: usize = 2;
 
 /// Where a brick is.
 pub(super) enum Found<B> {
@@ -20,27 +24,76 @@ struct Slot<B> {
     key: Option<u64>,
     brick: Option<Arc<B>>,
     credit: u8,
+    /// The last turn that needs it.
+    last_turn: u64,
 }
 
-/// The slots and the hand that goes around them. A slot is reused when nobody holds its brick
-/// and its credit is used up; each pass of the hand costs one.
+impl<B> Slot<B> {
+    /// Its brick, if nobody holds it. Pins are made under the lock that guards the clock: who is alone
+    /// now stays alone.
+    fn alone(&mut self) -> Option<&mut B> {
+        self.brick.as_mut().and_then(Arc::get_mut)
+    }
+}
+
+/// When a slot's brick is needed last, and which slot that is.
+type LastTurn = (u64, usize);
+
+/// The slots and the hand that goes around them. Slots whose bricks no turn to come needs are reused
+/// first, before new ones are made: memory that has been touched is faster than any other. Where there
+/// are none, a slot is reused when nobody holds its brick and its credit is used up; each pass of the
+/// hand costs one.
 pub(super) struct Clock<B> {
     slots: Vec<Slot<B>>,
     limit: usize,
     places: HashMap<u64, usize>,
     hand: usize,
+    /// Of bricks that have been filled, first the first; some of slots that hold others by now.
+    turns: BinaryHeap<Reverse<LastTurn>>,
+    /// The first turn that is not over.
+    turn: u64,
 }
 
 impl<B> Clock<B> {
     pub(super) fn new(limit: usize) -> Self {
-        Self { slots: Vec::new(), limit, places: HashMap::new(), hand: 0 }
+        let (slots, turns) = Default::default();
+        Self { slots, limit, places: HashMap::new(), hand: 0, turns, turn: 0 }
     }
 
-    /// Bytes per slot beside the brick: the slot and its place in the map, each twice (vectors
-    /// and maps grow by doubling, and copy), and what the allocator adds.
+    /// Bytes per slot beside the brick: the slot, its place in the map and its turns, each twice
+    /// (vectors and maps grow by doubling, and copy), and what the allocator adds.
     pub(super) const fn slot_bytes() -> u64 {
+        let turns = TURNS_PER_SLOT * size_of::<Reverse<LastTurn>>();
         let slot = size_of::<Slot<B>>() + size_of::<(u64, usize)>() + 1;
-        4 * slot as u64 + 64
+        4 * (slot + turns) as u64 + 64
+    }
+
+    /// Nothing is known any more of when bricks are needed.
+    pub(super) fn forget_turns(&mut self) {
+        self.turns.clear();
+        self.slots.iter_mut().for_each(|slot| slot.last_turn = u64::MAX);
+        self.turn = 0;
+    }
+
+    /// All turns before `turn` are over.
+    pub(super) fn turns_are_over(&mut self, turn: u64) {
+        self.turn = self.turn.max(turn);
+    }
+
+    /// Notes when the brick in a slot is needed last.
+    fn note_turn(&mut self, place: usize, last_turn: u64) {
+        let Some(slot) = self.slots.get_mut(place) else { return };
+        if slot.last_turn == last_turn {
+            return;
+        }
+        slot.last_turn = last_turn;
+        if self.turns.len() >= TURNS_PER_SLOT * self.slots.len() {
+            let turns = self.slots.iter().enumerate();
+            self.turns.clear();
+            self.turns.extend(turns.map(|(place, slot)| Reverse((slot.last_turn, place))));
+        } else {
+            self.turns.push(Reverse((last_turn, place)));
+        }
     }
 
     pub(super) fn holds(&self, key: u64) -> bool {
@@ -48,13 +101,20 @@ impl<B> Clock<B> {
     }
 
     /// Looks the brick up for use.
-    pub(super) fn find(&mut self, key: u64) -> Found<B> {
-        let Some(slot) = self.places.get(&key).and_then(|&place| self.slots.get_mut(place)) else {
-            return Found::Absent;
-        };
+    pub(super) fn find(&mut self, key: u64, last_turn: u64) -> Found<B> {
+        let Some(&place) = self.places.get(&key) else { return Found::Absent };
+        let Some(slot) = self.slots.get_mut(place) else { return Found::Absent };
         let Some(brick) = &slot.brick else { return Found::Loading };
+        let brick = Arc::clone(brick);
         slot.credit = CREDIT_USED;
-        Found::Ready(Arc::clone(brick))
+        self.note_turn(place, last_turn);
+        Found::Ready(brick)
+    }
+
+    /// How many turns are noted.
+    #[cfg(test)]
+    pub(super) fn notes(&self) -> usize {
+        self.turns.len()
     }
 
     /// Takes a slot for `key`, whose brick then is the caller's alone until it is published or
@@ -79,8 +139,10 @@ impl<B> Clock<B> {
         steps: usize,
         new: impl FnOnce() -> B,
     ) -> Option<(usize, Arc<B>)> {
-        let (place, brick) = if self.slots.len() < self.limit {
-            self.slots.push(Slot { key: None, brick: None, credit: 0 });
+        let (place, brick) = if let Some(found) = self.take_over() {
+            found
+        } else if self.slots.len() < self.limit {
+            self.slots.push(Slot { key: None, brick: None, credit: 0, last_turn: u64::MAX });
             (self.slots.len() - 1, Arc::new(new()))
         } else {
             self.take_unused(steps)?
@@ -90,41 +152,62 @@ impl<B> Clock<B> {
         Some((place, brick))
     }
 
+    /// A slot whose brick no turn to come needs.
+    fn take_over(&mut self) -> Option<(usize, Arc<B>)> {
+        while let Some(&Reverse((last_turn, place))) = self.turns.peek() {
+            if last_turn >= self.turn {
+                return None;
+            }
+            self.turns.pop();
+            let slot = self.slots.get_mut(place).filter(|slot| slot.last_turn == last_turn);
+            if slot.and_then(Slot::alone).is_some() {
+                return self.empty(place);
+            }
+        }
+        None
+    }
+
     fn take_unused(&mut self, steps: usize) -> Option<(usize, Arc<B>)> {
         for _ in 0..steps {
             let place = self.hand;
             self.hand = (place + 1) % self.slots.len();
             let slot = &mut self.slots[place];
-            let Some(brick) = slot.brick.as_mut() else { continue };
-            // Pins are made under the lock that guards the clock: who is alone now stays alone.
-            if Arc::get_mut(brick).is_none() {
+            if slot.alone().is_none() {
                 continue;
             }
             if slot.credit > 0 {
                 slot.credit -= 1;
                 continue;
             }
-            if let Some(old) = slot.key.take() {
-                self.places.remove(&old);
-            }
-            return slot.brick.take().map(|brick| (place, brick));
+            return self.empty(place);
         }
         None
     }
 
+    /// Takes the brick out of a slot.
+    fn empty(&mut self, place: usize) -> Option<(usize, Arc<B>)> {
+        let slot = self.slots.get_mut(place)?;
+        slot.last_turn = u64::MAX;
+        if let Some(old) = slot.key.take() {
+            self.places.remove(&old);
+        }
+        slot.brick.take().map(|brick| (place, brick))
+    }
+
     /// Puts a filled brick into its slot.
-    pub(super) fn publish(&mut self, place: usize, brick: Arc<B>, used: bool) {
+    pub(super) fn publish(&mut self, place: usize, brick: Arc<B>, used: bool, last_turn: u64) {
         if let Some(slot) = self.slots.get_mut(place) {
             slot.credit = if used { CREDIT_USED } else { CREDIT_AHEAD };
             slot.brick = Some(brick);
         }
+        self.note_turn(place, last_turn);
     }
 
     /// Gives a slot back whose brick could not be filled.
     pub(super) fn release(&mut self, place: usize, key: u64, brick: Arc<B>) {
         self.places.remove(&key);
         if let Some(slot) = self.slots.get_mut(place) {
-            *slot = Slot { key: None, brick: Some(brick), credit: 0 };
+            *slot = Slot { key: None, brick: Some(brick), credit: 0, last_turn: u64::MAX };
         }
     }
 }

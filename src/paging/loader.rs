@@ -8,6 +8,10 @@ pub trait Request: Copy + Send + Sync {
     fn key(&self) -> u64;
     /// Which group of the counters the brick counts in: its tree level.
     fn level(&self) -> usize;
+    /// The last turn that needs the brick, of the turns that [`Pool::turns_are_over`] hears of.
+    ///
+    /// [`Pool::turns_are_over`]: super::Pool::turns_are_over
+    fn last_turn(&self) -> u64;
 }
 
 /// What a load took from the file.

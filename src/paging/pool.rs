@@ -50,18 +50,19 @@ impl<'l, L: Loader> Pool<'l, L> {
     /// if there are as many slots as all threads together pin and fill at a time.
     pub fn get(&self, request: &L::Request, scratch: &mut L::Scratch) -> Result<Pinned<L::Brick>> {
         let mut clock = self.lock();
-        if let Found::Ready(brick) = clock.find(request.key()) {
+        let (key, last_turn) = (request.key(), request.last_turn());
+        if let Found::Ready(brick) = clock.find(key, last_turn) {
             return Ok(Pinned(brick));
         }
         let started = Instant::now();
         let outcome = loop {
-            match clock.find(request.key()) {
+            match clock.find(key, last_turn) {
                 Found::Ready(brick) => break Ok(Pinned(brick)),
                 Found::Loading => {
                     clock = self.changed.wait(clock).unwrap_or_else(PoisonError::into_inner);
                 }
                 Found::Absent => {
-                    let Some(slot) = clock.claim(request.key(), || self.loader.new_brick()) else {
+                    let Some(slot) = clock.claim(key, || self.loader.new_brick()) else {
                         break Err(all_in_use());
                     };
                     drop(clock);
@@ -71,6 +72,17 @@ impl<'l, L: Loader> Pool<'l, L> {
         };
         self.counters.count_wait(started.elapsed());
         outcome
+    }
+
+    /// Turns begin anew: none is over.
+    pub fn begin_turns(&self) {
+        self.lock().forget_turns();
+    }
+
+    /// All turns before `turn` are over: slots of bricks that only these need are the first to be
+    /// reused, before new ones are made.
+    pub fn turns_are_over(&self, turn: u64) {
+        self.lock().turns_are_over(turn);
     }
 
     /// Whether the brick of `key` is there or on its way.
@@ -102,11 +114,12 @@ impl<'l, L: Loader> Pool<'l, L> {
         scratch: &mut L::Scratch,
         used: bool,
     ) -> Result<Arc<L::Brick>> {
-        let mut filling = Filling { pool: self, key: request.key(), slot, brick: Some(brick) };
+        let key = request.key();
+        let mut filling = Filling { pool: self, key, slot, brick: Some(brick) };
         let brick = filling.brick.as_mut().and_then(Arc::get_mut).ok_or_else(all_in_use)?;
         let bytes = self.loader.load(request, scratch, brick)?;
-        self.counters.count_load(request.key(), request.level(), bytes);
-        filling.publish(used).ok_or_else(all_in_use)
+        self.counters.count_load(key, request.level(), bytes);
+        filling.publish(used, request.last_turn()).ok_or_else(all_in_use)
     }
 
     fn lock(&self) -> MutexGuard<'_, Clock<L::Brick>> {
@@ -124,9 +137,9 @@ struct Filling<'p, 'l, L: Loader> {
 }
 
 impl<L: Loader> Filling<'_, '_, L> {
-    fn publish(mut self, used: bool) -> Option<Arc<L::Brick>> {
+    fn publish(mut self, used: bool, last_turn: u64) -> Option<Arc<L::Brick>> {
         let brick = self.brick.take()?;
-        self.pool.lock().publish(self.slot, Arc::clone(&brick), used);
+        self.pool.lock().publish(self.slot, Arc::clone(&brick), used, last_turn);
         self.pool.changed.notify_all();
         Some(brick)
     }

@@ -16,6 +16,10 @@ impl Request for Key {
     fn level(&self) -> usize {
         usize::try_from(self.0 % 2).unwrap()
     }
+
+    fn last_turn(&self) -> u64 {
+        self.0 / 2
+    }
 }
 
 /// Bricks are their own key's square; keys from 1000 on are damaged while `broken`.
@@ -138,6 +142,47 @@ fn bricks_loaded_ahead_outlive_used_ones_and_do_not_push_each_other_out() {
     assert!(pool.holds(3) && pool.holds(4));
     assert_eq!(value(&pool, 6), 36);
     assert!(pool.holds(3) && pool.holds(4), "a used brick went first");
+}
+
+#[test]
+fn what_no_turn_to_come_needs_makes_room_before_new_slots_do() {
+    let (loader, counters) = (Squares::default(), Counters::new(100, 2));
+    let pool = Pool::new(50, &loader, &counters);
+    let held = pool.get(&Key(1), &mut ()).unwrap();
+    for key in (0..10).rev() {
+        value(&pool, key);
+    }
+    let created = || loader.created.load(Ordering::Relaxed);
+    // Turn 2 needs keys 4 and 5.
+    pool.turns_are_over(2);
+    for key in 20..23 {
+        value(&pool, key);
+    }
+    assert_eq!((created(), *held), (10, 1), "0, 2 and 3 make room, 1 is held");
+    value(&pool, 23);
+    assert_eq!(created(), 11);
+    assert!((4..10).chain(20..24).all(|key| pool.holds(key)));
+    // What begins anew may need anything.
+    pool.begin_turns();
+    value(&pool, 6);
+    pool.turns_are_over(4);
+    value(&pool, 24);
+    value(&pool, 25);
+    assert_eq!(created(), 12, "6 makes room, and no other");
+    assert!((4..6).chain(7..10).chain(20..26).all(|key| pool.holds(key)));
+}
+
+#[test]
+fn turns_are_noted_in_bounded_memory() {
+    let mut clock = Clock::new(4);
+    for n in 0..10_000_u64 {
+        let (place, brick) = clock.claim(n, || ()).unwrap();
+        clock.publish(place, brick, true, n + 5);
+        for turn in n..n + 3 {
+            assert!(matches!(clock.find(n, turn), Found::Ready(_)));
+        }
+        assert!(clock.notes() <= 8);
+    }
 }
 
 #[test]

@@ -19,6 +19,8 @@ pub struct BrickRequest {
     pub record: NodeRecord,
     /// What the index says of the field in it.
     pub field: FieldRecord,
+    /// The last tile of the picture that it may be seen in.
+    pub last_tile: u64,
 }
 
 impl Request for BrickRequest {
@@ -28,6 +30,10 @@ impl Request for BrickRequest {
 
     fn level(&self) -> usize {
         self.place.tree_level
+    }
+
+    fn last_turn(&self) -> u64 {
+        self.last_tile
     }
 }
 
@@ -84,7 +90,7 @@ impl Loader for BrickLoader<'_> {
         scratch: &mut BrickScratch,
         brick: &mut ScaledBrick,
     ) -> Result<LoadedBytes> {
-        let BrickRequest { node, place, record, field } = request;
+        let BrickRequest { node, place, record, field, .. } = request;
         let BrickScratch { decoder, raw, surveyor } = scratch;
         self.cache.read_brick(*node, record, self.shading.field, field, decoder, raw)?;
         self.cache.check_place(*node, self.shading.field, place, raw)?;

@@ -85,6 +85,7 @@ mod touch;
 pub mod transfer_pieces;
 mod transfer_table;
 pub mod tree_walk;
+mod turns;
 pub mod view;
 #[cfg(test)]
 mod view_tests;

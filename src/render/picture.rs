@@ -18,6 +18,7 @@ use super::scaled::ScaledBrick;
 use super::tile::{Thinning, Tile};
 use super::transfer_pieces::PieceList;
 use super::tree_walk::{FieldIndex, Scenery, Step, Walk};
+use super::turns::Turns;
 use crate::cache::Cache;
 use crate::image::Film;
 use crate::paging::{Pinned, Pool, ReadAhead, run_reader};
@@ -42,7 +43,8 @@ pub(super) struct Picture<'r, 's> {
     /// How far each tile may be off.
     pub(super) errors: Mutex<Vec<TileError>>,
     pub(super) progress: Option<&'r (dyn Fn(u64, u64) + Sync)>,
-    pub(super) next_tile: AtomicU64,
+    /// At tiles, in their order.
+    pub(super) turns: Mutex<Turns>,
     pub(super) tiles_done: AtomicU64,
     pub(super) rays: AtomicU64,
     pub(super) is_stopped: AtomicBool,
@@ -76,7 +78,8 @@ impl Picture<'_, '_> {
         wanted: &(dyn Fn(u64) -> bool + Sync),
         samples: &mut [u64],
     ) -> Result<()> {
-        self.next_tile.store(0, Ordering::Relaxed);
+        *lock(&self.turns) = Turns::default();
+        self.pool.begin_turns();
         self.tiles_done.store(0, Ordering::Relaxed);
         let (ahead, requests) = ReadAhead::new(STEPS_AHEAD * threads);
         let workers = std::thread::scope(|scope| {
@@ -185,13 +188,14 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
         let total = picture.scenery.pixels.tiles();
         let mut sheet = Sheet::default();
         loop {
-            let tile = picture.next_tile.fetch_add(1, Ordering::Relaxed);
+            let tile = lock(&picture.turns).take();
             if tile >= total || picture.is_stopped() {
                 return Ok(());
             }
             if wanted(tile) {
                 self.draw_tile(tile, &mut sheet)?;
             }
+            picture.pool.turns_are_over(lock(&picture.turns).finish(tile));
             let done = picture.tiles_done.fetch_add(1, Ordering::Relaxed) + 1;
             if let Some(progress) = picture.progress {
                 progress(done, total);

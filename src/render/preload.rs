@@ -63,7 +63,8 @@ fn load_some(
         // Nothing is stored of what was dropped.
         if !described.is_void() {
             let place = cursor.place(node)?;
-            let request = BrickRequest { node, place, record, field: described };
+            let last_tile = u64::MAX;
+            let request = BrickRequest { node, place, record, field: described, last_tile };
             pool.load_ahead(&request, &mut scratch)?;
         }
     }

@@ -28,6 +28,9 @@ pub struct PixelRect {
 }
 
 impl PixelRect {
+    /// No pixel.
+    pub const NONE: Self = Self { lo: [0; 2], hi: [0; 2] };
+
     /// What both hold.
     pub fn intersection(&self, other: &Self) -> Self {
         Self {
@@ -236,6 +239,15 @@ impl PixelGrid {
         PixelRect { lo, hi }
     }
 
+    /// The last of the tiles, in their order, that have pixels of `rect`.
+    pub fn last_tile(&self, rect: &PixelRect) -> u64 {
+        let [columns, rows] = self.tile_counts().map(u64::from);
+        let [column, row] = rect.hi.map(|end| u64::from(end.saturating_sub(1) / self.tile));
+        let first_row = row / u64::from(STRIP_ROWS) * u64::from(STRIP_ROWS);
+        let strip_rows = rows.saturating_sub(first_row).clamp(1, u64::from(STRIP_ROWS));
+        first_row * columns + column * strip_rows + (row - first_row)
+    }
+
     fn tile_counts(&self) -> [u32; 2] {
         [self.view.width().div_ceil(self.tile), self.view.height().div_ceil(self.tile)]
     }
@@ -263,6 +275,23 @@ mod tests {
                 }
             }
             assert!(seen.iter().all(|&count| count == 1), "{samples}");
+        }
+    }
+
+    #[test]
+    fn the_last_tile_of_a_rectangle_comes_after_all_others() {
+        for (samples, width, height) in [("1", 200, 1300), ("64", 30, 21), ("\"area\"", 130, 1)] {
+            let scene = scene(&format!("samples = {samples}"), width, height);
+            let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+            for n in 0..500 {
+                let [a, b] = [[7, 13], [29, 31]].map(|[x, y]| [(n * x) % width, (n * y) % height]);
+                let rect = PixelRect {
+                    lo: std::array::from_fn(|i| a[i].min(b[i])),
+                    hi: std::array::from_fn(|i| a[i].max(b[i]) + 1),
+                };
+                let has_some = |tile: &u64| !grid.tile(*tile).intersection(&rect).is_empty();
+                assert_eq!((0..grid.tiles()).rfind(has_some), Some(grid.last_tile(&rect)));
+            }
         }
     }
 

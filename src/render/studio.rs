@@ -335,7 +335,7 @@ impl<'s> Studio<'s> {
             film: Mutex::new(Film::new(view.width(), view.height())?),
             errors: Mutex::new(vec![TileError::default(); tiles]),
             progress,
-            next_tile: AtomicU64::new(0),
+            turns: Mutex::default(),
             tiles_done: AtomicU64::new(0),
             rays: AtomicU64::new(0),
             is_stopped: AtomicBool::new(false),

@@ -112,7 +112,7 @@ impl Tile {
     /// A tile without rays, with room for thinner ones of so many bricks.
     pub(super) fn new(thinned: usize) -> Self {
         Self {
-            rect: PixelRect { lo: [0; 2], hi: [0; 2] },
+            rect: PixelRect::NONE,
             has_area: false,
             squares: Vec::with_capacity(BATCH_RAYS),
             planes: Vec::with_capacity(BATCH_RAYS),

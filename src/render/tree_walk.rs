@@ -171,18 +171,18 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
             ));
         }
         let (record, field) = self.index.records(node)?;
-        let request = BrickRequest { node, place, record, field };
         let subtree = record.descendants.saturating_add(1);
-        let edge = self.scenery.header.shape.edge() as f64;
-        let frame = self.scenery.frame(&place, None);
-        let seen = frame
-            .footprint(DVec3::ZERO, DVec3::splat(edge))
-            .map(|seen| (self.pixels_of(&seen), seen));
-        let Some((pixels, footprint)) = seen.filter(|(pixels, _)| !pixels.is_empty()) else {
+        let scenery = self.scenery;
+        let frame = scenery.frame(&place, None);
+        let edge = scenery.header.shape.edge() as f64;
+        let footprint = frame.footprint(DVec3::ZERO, DVec3::splat(edge));
+        let all = footprint.map_or(PixelRect::NONE, |footprint| scenery.pixels.seen(&footprint));
+        let pixels = all.intersection(&self.window);
+        let Some(footprint) = footprint.filter(|_| !pixels.is_empty()) else {
             self.tally.count(Fate::OutOfView, subtree);
             return Ok(None);
         };
-        if self.scenery.is_transparent(&field, false) {
+        if scenery.is_transparent(&field, false) {
             self.tally.count(Fate::Transparent, subtree);
             return Ok(None);
         }
@@ -191,6 +191,8 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
             self.tally.count(Fate::Hidden, subtree);
             return Ok(None);
         }
+        let last_tile = scenery.pixels.last_tile(&all);
+        let request = BrickRequest { node, place, record, field, last_tile };
         let seen = Seen { frame, pixels, footprint };
         let opens = record.child_mask != 0 && self.opens(&request, &seen, transmittance);
         if !opens {
