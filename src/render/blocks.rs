@@ -90,39 +90,43 @@ impl NarrowBlock {
         if !has_borders {
             return;
         }
-        gather_corners(&mut self.corners, block, |bits, corner| {
-            u8::from(bits & EXISTING != 0) << corner
-        });
+        gather_corners(&mut self.corners, block, |bits| u8::from(bits & EXISTING != 0), [1, 2, 4]);
         self.corners.extend([0; BYTE_PADDING]);
     }
 }
 
-/// For each dual cell of a block, x fastest, all bits that `flags` makes of its corners' states;
-/// with room for padding.
+/// For each dual cell of a block, x fastest, all bits that `flags` makes of its corners' states, those
+/// of the upper one along an axis shifted by that of `shifts`; with room for padding.
 pub(super) fn gather_corners(
     out: &mut Vec<u8>,
     block: &ScaledBlock,
-    flags: impl Fn(u8, usize) -> u8,
+    flags: impl Fn(u8) -> u8,
+    shifts: [u32; 3],
 ) {
     const MOST_SIDE: usize = BrickShape::MOST_CELLS + 2;
     let (side, count) = (block.side, block.side - 1);
     // Exact, because the memory limit counts these bytes.
     out.reserve_exact(count.pow(3) + BYTE_PADDING);
-    // A plane at a time, as one long row; its last column's are of no dual cell.
-    let mut plane = [0; MOST_SIDE * MOST_SIDE];
-    let plane = &mut plane[..count * side - 1];
-    for z in 0..count {
-        plane.fill(0);
-        for corner in 0..8 {
-            let first = block.at([corner & 1, corner >> 1 & 1, z + (corner >> 2 & 1)]);
-            let states = &block.states[first..][..plane.len()];
-            for (all, bits) in plane.iter_mut().zip(states) {
-                *all |= flags(*bits, corner);
+    // Planes as one long row each; what their last columns and rows hold is of no dual cell.
+    let mut buffers = [[0; MOST_SIDE * MOST_SIDE]; 2];
+    let [below, above] = &mut buffers;
+    let (mut below, mut above) = (&mut below[..side * side], &mut above[..side * side]);
+    for (z, states) in block.states.chunks_exact(side * side).enumerate() {
+        let pairs = states.iter().zip(&states[1..]);
+        for (all, (lower, upper)) in above.iter_mut().zip(pairs) {
+            *all = flags(*lower) | flags(*upper) << shifts[0];
+        }
+        for y in 0..count {
+            let (row, rest) = above[y * side..].split_at_mut(side);
+            row.iter_mut().zip(rest).for_each(|(all, bits)| *all |= *bits << shifts[1]);
+        }
+        if z > 0 {
+            below.iter_mut().zip(&*above).for_each(|(all, bits)| *all |= bits << shifts[2]);
+            for row in below.chunks_exact(side).take(count) {
+                out.extend_from_slice(&row[..count]);
             }
         }
-        for row in plane.chunks(side) {
-            out.extend_from_slice(&row[..count]);
-        }
+        std::mem::swap(&mut below, &mut above);
     }
 }
 

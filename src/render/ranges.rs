@@ -5,28 +5,31 @@
 use super::lanes::{Kernel, Lanes, Width};
 use super::steepness::Steepness;
 use super::windows::{Triples, Window};
+use crate::cache::BrickShape;
 
 /// Of values, and of their steps along each axis.
 const PARTS: usize = 4;
+/// Numbers at each place: smallest, with their signs turned, and largest of each part.
+const NUMBERS: usize = 2 * PARTS;
 
-/// Smallest and largest of each part at each place: of a plane of the block, and of a line of that.
-/// Their memory is reused.
+/// Smallest and largest of each part at each place: of a plane of the block, number by number, and of
+/// a line of that, place by place. Their memory is reused.
 #[derive(Debug, Default)]
 pub(super) struct Ranges {
     plane: Vec<f64>,
-    line: Vec<f64>,
+    line: Vec<[f64; NUMBERS]>,
 }
 
 impl Ranges {
     /// Most heap bytes for cubes of `side`.
     pub(super) fn bytes(side: usize) -> u64 {
-        (2 * PARTS * (side + 1) * side * size_of::<f64>()) as u64
+        (NUMBERS * (side + 1) * side * size_of::<f64>()) as u64
     }
 
     /// Heap bytes held.
     #[cfg(test)]
     pub(super) fn held(&self) -> usize {
-        (self.plane.capacity() + self.line.capacity()) * size_of::<f64>()
+        (self.plane.capacity() + NUMBERS * self.line.capacity()) * size_of::<f64>()
     }
 
     /// Adds to `found`, x fastest, what holds in each triple of `windows` of a cube of `values`:
@@ -38,11 +41,13 @@ impl Ranges {
         windows: &Triples,
         found: &mut Vec<Steepness>,
     ) {
-        for (buffer, length) in [(&mut self.plane, side * side), (&mut self.line, side)] {
-            buffer.clear();
-            buffer.reserve_exact(2 * PARTS * length);
-            buffer.resize(2 * PARTS * length, 0.0);
-        }
+        let (area, Self { plane, line }) = (side * side, &mut *self);
+        plane.clear();
+        plane.reserve_exact(NUMBERS * area);
+        plane.resize(NUMBERS * area, 0.0);
+        line.clear();
+        line.reserve_exact(side);
+        line.resize(side, [0.0; NUMBERS]);
         Width::best().run(Search { values, side, windows, buffers: self, found });
     }
 }
@@ -69,17 +74,18 @@ impl Kernel for Search<'_> {
             for window in along_y {
                 fold_rows(plane, side, *window, line);
                 for window in along_x {
-                    found.push(fold_places(line, side, *window));
+                    found.push(fold_places(line, *window));
                 }
             }
         }
     }
 }
 
-/// Sets all parts of a buffer to no range.
+/// The larger of what was found and a number; what is no number does not count. (`max` asks that of
+/// both, which takes four instructions for one.)
 #[inline(always)]
-fn clear(parts: &mut [f64]) {
-    parts.fill(f64::NEG_INFINITY);
+pub(super) fn larger(most: f64, x: f64) -> f64 {
+    if x > most { x } else { most }
 }
 
 /// The largest of a part's numbers with their signs turned, and as they are.
@@ -92,7 +98,7 @@ fn of_part(parts: &mut [f64], length: usize, part: usize) -> [&mut [f64]; 2] {
 #[inline(always)]
 fn fold_planes(values: &[f64], side: usize, (first, last): Window, plane: &mut [f64]) {
     let area = side * side;
-    clear(plane);
+    plane.fill(f64::NEG_INFINITY);
     for z in first..=last {
         let here = &values[z * area..];
         take_values(of_part(plane, area, 0), &here[..area]);
@@ -111,8 +117,8 @@ fn take_values([less, more]: [&mut [f64]; 2], values: &[f64]) {
     let count = values.len();
     let (less, more) = (&mut less[..count], &mut more[..count]);
     for n in 0..count {
-        less[n] = less[n].max(-values[n]);
-        more[n] = more[n].max(values[n]);
+        less[n] = larger(less[n], -values[n]);
+        more[n] = larger(more[n], values[n]);
     }
 }
 
@@ -122,33 +128,43 @@ fn take_steps([less, more]: [&mut [f64]; 2], from: &[f64], to: &[f64]) {
     let count = from.len();
     let (less, more, to) = (&mut less[..count], &mut more[..count], &to[..count]);
     for n in 0..count {
-        less[n] = less[n].max(from[n] - to[n]);
-        more[n] = more[n].max(to[n] - from[n]);
+        let step = to[n] - from[n];
+        less[n] = larger(less[n], -step);
+        more[n] = larger(more[n], step);
     }
 }
 
 #[inline(always)]
-fn fold_rows(plane: &[f64], side: usize, (first, last): Window, line: &mut [f64]) {
-    clear(line);
-    for part in 0..2 * PARTS {
-        let most = &mut line[part * side..][..side];
-        let end = if part / 2 == 2 { last } else { last + 1 };
+fn fold_rows(plane: &[f64], side: usize, (first, last): Window, line: &mut [[f64; NUMBERS]]) {
+    let mut buffer = [0.0; BrickShape::MOST_CELLS + 2];
+    let most = &mut buffer[..side];
+    for number in 0..NUMBERS {
+        most.fill(f64::NEG_INFINITY);
+        let end = if number / 2 == 2 { last } else { last + 1 };
         for y in first..end {
-            let row = &plane[(part * side + y) * side..][..side];
+            let row = &plane[(number * side + y) * side..][..side];
             for x in 0..side {
-                most[x] = most[x].max(row[x]);
+                most[x] = larger(most[x], row[x]);
             }
+        }
+        for x in 0..side {
+            line[x][number] = most[x];
         }
     }
 }
 
 #[inline(always)]
-fn fold_places(line: &[f64], side: usize, (first, last): Window) -> Steepness {
-    let mut most = [f64::NEG_INFINITY; 2 * PARTS];
-    for part in 0..2 * PARTS {
-        let end = if part / 2 == 1 { last } else { last + 1 };
-        for x in &line[part * side..][first..end] {
-            most[part] = most[part].max(*x);
+fn fold_places(line: &[[f64; NUMBERS]], (first, last): Window) -> Steepness {
+    let mut most = [f64::NEG_INFINITY; NUMBERS];
+    for place in &line[first..last] {
+        for n in 0..NUMBERS {
+            most[n] = larger(most[n], place[n]);
+        }
+    }
+    for n in 0..NUMBERS {
+        // Steps from the last place lead out of the window.
+        if n / 2 != 1 {
+            most[n] = larger(most[n], line[last][n]);
         }
     }
     let range = |part: usize| [-most[2 * part], most[2 * part + 1]];

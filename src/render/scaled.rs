@@ -311,11 +311,12 @@ impl ScaledBrick {
         const VOID: u8 = 2;
         const HOLE: u8 = 4;
         let is_blended = (2..=1 + MOST_PARENTS).contains(&self.used);
-        gather_corners(&mut self.duals, block, |bits, _| {
+        let flags = |bits| {
             let is_void = bits & state::VOID != 0;
             let shown = if bits & EXISTING != 0 { PLAIN } else { HOLE };
             if is_void { VOID } else { shown }
-        });
+        };
+        gather_corners(&mut self.duals, block, flags, [0; 3]);
         for kind in &mut self.duals {
             *kind = match *kind {
                 PLAIN => dual::PLAIN,
