@@ -2,12 +2,14 @@
 
 mod faces;
 mod lattice;
+mod open;
 mod proxies;
 
 use std::iter::from_fn;
 
 use glam::{DVec2, DVec3};
 
+use self::open::{Clearness, Open};
 use self::proxies::{NEAREST, Proxies, first_apart};
 use super::frame::{Footprint, Frame, LocalRay};
 use super::grade::Care;
@@ -59,13 +61,7 @@ pub(super) struct Tile {
     beams: Vec<Beam>,
     thinner: Thinner,
     proxies: Proxies,
-}
-
-/// Rays that need more of a brick: how many, and the largest of their transmittances.
-#[derive(Debug, Clone, Copy, Default)]
-struct Open {
-    count: usize,
-    transmittance: f64,
+    clearness: Clearness,
 }
 
 /// How the rays of a step are marched.
@@ -102,7 +98,9 @@ impl Tile {
         let of_boarding = size_of::<Passenger>() + size_of::<Beam>();
         // Constant cells are neither thinned nor seen by proxies.
         let of_linear = match interpolation {
-            Interpolation::Linear => Proxies::bytes() as u64 + Thinner::bytes(shape, blocks),
+            Interpolation::Linear => {
+                (Proxies::bytes() + Clearness::BYTES) as u64 + Thinner::bytes(shape, blocks)
+            }
             Interpolation::Cell => 0,
         };
         let of_all = (BATCH_RAYS * of_ray + MOST_BOARDING * of_boarding) as u64;
@@ -126,6 +124,7 @@ impl Tile {
             beams: Vec::with_capacity(MOST_BOARDING),
             thinner: Thinner::new(thinned),
             proxies: Proxies::default(),
+            clearness: Clearness::new(),
         }
     }
 
@@ -163,6 +162,7 @@ impl Tile {
         }
         let end = u16::try_from(squares.len()).unwrap_or(u16::MAX);
         self.starts.resize(rect.count() + 1, end);
+        self.clearness.forget();
     }
 
     /// The squares in columns of `rect`, of one of its rows.
@@ -243,14 +243,6 @@ impl Tile {
         };
         self.thinner = thinner;
         samples
-    }
-
-    /// The rays in `rect` that need more.
-    fn open_rays(&self, rect: &PixelRect) -> Open {
-        self.open(*rect).fold(Open::default(), |Open { count, transmittance }, index| Open {
-            count: count + 1,
-            transmittance: transmittance.max(self.states[index].transmittance),
-        })
     }
 
     /// Whether so few rays in `rect` need more that looking at a brick for packets takes longer
