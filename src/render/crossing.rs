@@ -98,6 +98,7 @@ impl<'p> Crossing<'p> {
         let whole = self.only(behind.in_all);
         let light = |sums: Sums| sums.emission + sums.dimmed * brightest;
         let smaller = if light(within) < light(moved) { within } else { moved };
+        // Each is a bound by itself, so this decides on how close it is alone.
         if light(whole) < light(smaller) + self.reach * light(kinks) {
             [whole, Sums::default()]
         } else {
@@ -111,6 +112,7 @@ impl<'p> Crossing<'p> {
         Sums { emission, ..Sums::default() }
     }
 
+    /// Bounds by the light from behind, for a way on as of [`Self::sums`].
     fn behind<const N: usize>(
         &self,
         x: &Polynomial<N>,
