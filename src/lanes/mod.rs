@@ -53,6 +53,8 @@ pub(super) trait Lanes: Copy {
     fn power_of_two(self, n: Self::Float) -> Self::Float;
     /// a ≤ b.
     fn is_at_most(self, a: Self::Float, b: Self::Float) -> Self::Mask;
+    /// Whether the sign is minus, that of 0 as well.
+    fn has_sign(self, x: Self::Float) -> Self::Mask;
     /// `a` where the mask is set, else `b`.
     fn select(self, mask: Self::Mask, a: Self::Float, b: Self::Float) -> Self::Float;
     fn and(self, a: Self::Mask, b: Self::Mask) -> Self::Mask;

@@ -78,6 +78,10 @@ impl Lanes for Portable {
         each(|n| a[n] <= b[n])
     }
     #[inline(always)]
+    fn has_sign(self, x: Self::Float) -> Self::Mask {
+        each(|n| x[n].is_sign_negative())
+    }
+    #[inline(always)]
     fn select(self, mask: Self::Mask, a: Self::Float, b: Self::Float) -> Self::Float {
         each(|n| if mask[n] { a[n] } else { b[n] })
     }

@@ -10,6 +10,8 @@ type Found = Vec<[f32; MOST_LANES]>;
 struct Everything {
     a: Row,
     b: Row,
+    /// The same in all parts of as many lanes as the narrowest kind has.
+    even: Row,
     table: Vec<f32>,
     rows: Vec<[f32; 8]>,
     bytes: Vec<u8>,
@@ -39,6 +41,7 @@ impl Kernel for &Everything {
             l.floor(a),
             l.power_of_two(l.floor(l.min(l.max(a, l.splat(-126.0)), l.splat(127.0)))),
             l.select(less, a, b),
+            choice(l.has_sign(first)),
             choice(l.and(less, l.mask(0x5a5a))),
             choice(l.without(less, l.mask(0x5a5a))),
             choice(l.mask(l.bits(less))),
@@ -53,7 +56,7 @@ impl Kernel for &Everything {
             l.float(byte),
             choice(l.has_bit(byte, 2)),
             choice(l.is_index(byte, 7)),
-            l.deal(a, l.index(l.min(l.max(b, l.splat(0.0)), l.splat(7.0)))),
+            l.deal(l.load(&self.even), l.index(l.min(l.max(b, l.splat(0.0)), l.splat(7.0)))),
         ];
         let mut found: Found = vec![[0.0; MOST_LANES]; values.len()];
         for (value, found) in values.into_iter().zip(&mut found) {
@@ -74,15 +77,24 @@ proptest! {
         bytes in prop::collection::vec(any::<u8>(), 4..60),
     ) {
         let rows: Vec<[f32; 8]> = table.iter().map(|x| std::array::from_fn(|c| x + c as f32)).collect();
-        let all = Everything { a: Row(a), b: Row(b), table, rows, bytes };
-        let expected = Width::Portable.run(&all);
-        for width in Width::all() {
-            let found = width.run(&all);
-            for (n, (found, expected)) in found.iter().zip(&expected).enumerate() {
-                for lane in 0..width.count().min(Width::Portable.count()) {
-                    let (found, expected) = (found[lane].to_bits(), expected[lane].to_bits());
-                    prop_assert_eq!(found, expected, "{:?}, value {}, lane {}", width, n, lane);
+        let few = Width::Portable.count();
+        let even = Row(std::array::from_fn(|lane| a[lane % few]));
+        let mut all = Everything { a: Row(a), b: Row(b), even, table, rows, bytes };
+        let found: Vec<_> = Width::all().map(|width| (width, width.run(&all))).collect();
+        for first in (0..MOST_LANES).step_by(few) {
+            let expected = Width::Portable.run(&all);
+            for (width, found) in found.iter().filter(|(width, _)| width.count() > first) {
+                for (n, (found, expected)) in found.iter().zip(&expected).enumerate() {
+                    for lane in first..first + few {
+                        let (found, expected) = (found[lane], expected[lane - first]);
+                        let is_same = found.to_bits() == expected.to_bits();
+                        prop_assert!(is_same, "{width:?}, value {n}, lane {lane}");
+                    }
                 }
+            }
+            // The lanes behind come first.
+            for row in [&mut all.a, &mut all.b] {
+                row.0.rotate_left(few);
             }
         }
     }
