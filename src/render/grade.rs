@@ -81,7 +81,7 @@ impl Care {
 /// into a cell is known as a sum of two f32 (`render/packet/walk.rs`); from there on, of what they
 /// pass in it, rounding of its length, of their direction, and of the sum make 2⁻²⁴ at most each.
 const PLACE_ROUNDING: f64 = 3e-7;
-const VALUE_ROUNDING: f64 = 3e-7;
+const VALUE_ROUNDING: f64 = 3.6e-7;
 const LIGHT_ROUNDING: f64 = 4e-6;
 /// What is lost below the smallest f32, of values relative to the table's.
 const UNDERFLOW: f64 = f32::MIN_POSITIVE as f64;

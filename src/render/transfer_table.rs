@@ -7,19 +7,24 @@ use super::run_tree::{Run, RunTree};
 use super::span::Smoothness;
 use super::transfer_pieces::PieceList;
 
-/// Bins over [0, 1]; one more for what lies beyond.
-const BINS: usize = 4096;
+/// Bins over [0, 1]; one more for what lies beyond. A multiple of 255, so that kinks of named colour
+/// maps, of 256 entries, and of points with few decimals are where bins begin.
+const BINS: usize = 16 * 255;
 /// The corner of a bin that has none: beyond its end.
 const NO_CORNER: f32 = 2.0;
 
 /// Emission (R, G, B) and extinction over x, each relative to its largest value, in bins of equal
-/// width: in each two straight lines that meet at a corner.
+/// width: in each a straight line, or two that meet at a corner.
 #[derive(Debug)]
 pub(super) struct TransferTable {
     /// Where each bin's corner is, of its width.
     pub(super) corners: Vec<f32>,
-    /// Both lines of each bin: channel by channel at its start, and by how much they rise over it.
+    /// The first line of each bin: channel by channel at its start, where none is negative, and by
+    /// how much they rise over it. The sign of the extinction at its start says whether there is a
+    /// corner.
     pub(super) lines: Vec<[f32; 8]>,
+    /// The line behind the corner, or the first again.
+    pub(super) behind: Vec<[f32; 8]>,
     /// What emission is relative to, radiance / code length.
     pub(super) emission: f64,
     /// What extinction is relative to, 1 / code length; 0 where nothing absorbs.
@@ -137,7 +142,8 @@ impl TransferTable {
         let (span, scales) = (pieces.over(0.0, 1.0), pieces.scales());
         let mut table = Self {
             corners: Vec::with_capacity(BINS + 1),
-            lines: Vec::with_capacity(2 * (BINS + 1)),
+            lines: Vec::with_capacity(BINS + 1),
+            behind: Vec::with_capacity(BINS + 1),
             emission: scales[0],
             extinction: if span.most.extinction == 0.0 { 0.0 } else { scales[1] },
             deviation: RunTree::default(),
@@ -194,18 +200,23 @@ impl TransferTable {
     fn add_lines(&mut self, places: [f64; 3], ends: [[f64; 4]; 4], scales: [f64; 2]) {
         let [from, corner, to] = places;
         let width = to - from;
-        self.corners.push(if corner < to { ((corner - from) / width) as f32 } else { NO_CORNER });
+        let has_corner = corner < to;
+        self.corners.push(if has_corner { ((corner - from) / width) as f32 } else { NO_CORNER });
         let [start, before, after, end] = ends;
-        for line in [[(from, start), (corner, before)], [(corner, after), (to, end)]] {
+        let row = |line: [(f64, [f64; 4]); 2]| {
             let is_empty = line[0].0 >= line[1].0;
             let at = |x: f64| if is_empty { line[1].1 } else { between(line, x) };
             let (start, end) = (at(from), at(to));
-            self.lines.push(std::array::from_fn(|n| {
+            std::array::from_fn(|n| {
                 let c = n % 4;
                 let value = if n < 4 { start[c] } else { end[c] - start[c] };
                 (value / scales[usize::from(c == 3)]) as f32
-            }));
-        }
+            })
+        };
+        let mut first: [f32; 8] = row([(from, start), (corner, before)]);
+        self.behind.push(if has_corner { row([(corner, after), (to, end)]) } else { first });
+        first[3] = if has_corner { -first[3] } else { first[3] };
+        self.lines.push(first);
     }
 
     /// Largest difference of emission (radiance / code length) and extinction (1 / code length) to
@@ -288,12 +299,17 @@ mod tests {
             };
             let place = (x as f32).clamp(0.0, 1.0) * TransferTable::BINS;
             let (bin, rest) = (place as usize, place.fract());
-            let line = 2 * bin + usize::from(table.corners[bin] <= rest);
+            let mut line = table.lines[bin];
+            prop_assert_eq!(line[3].is_sign_negative(), table.corners[bin] < 1.0);
+            line[3] = line[3].abs();
+            if table.corners[bin] <= rest {
+                line = table.behind[bin];
+            }
             let [emission, extinction] = table.deviation(x - width, x + width);
             let [alone, _] = table.deviation(x, x);
             prop_assert!(alone <= emission && emission < 2e-33);
             let value = |c: usize| {
-                f64::from(table.lines[line][c]) + f64::from(rest * table.lines[line][4 + c])
+                f64::from(line[c]) + f64::from(rest * line[4 + c])
             };
             for (c, expected) in transfer.emission(x).into_iter().enumerate() {
                 let off = (value(c) * table.emission - expected).abs();

@@ -1,6 +1,7 @@
 //! What the transfer function's table says at a place, and how much light comes through a depth.
 #![allow(clippy::needless_range_loop)]
 
+use super::rows::distance;
 use crate::render::lanes::Lanes;
 use crate::render::transfer_table::TransferTable;
 
@@ -18,10 +19,18 @@ pub(super) fn shade<L: Lanes, const ABSORBS: bool>(
     let place = l.mul(inside, l.splat(TransferTable::BINS));
     let bin = l.floor(place);
     let rest = l.sub(place, bin);
-    let corner = l.gather(&table.corners, l.index(bin), 0);
-    let is_after = l.is_at_most(corner, rest);
-    let line = l.fma(bin, l.splat(2.0), l.select(is_after, l.splat(1.0), l.splat(0.0)));
-    let row = l.gather_row(&table.lines, l.index(line));
+    let bin = l.index(bin);
+    let mut row = l.gather_row(&table.lines, bin);
+    let has_corner = l.has_sign(row[3]);
+    row[3] = distance(l, row[3], l.splat(0.0));
+    // Few bins have corners: others do not wait to hear where these are.
+    if l.bits(has_corner) != 0 {
+        let is_behind = l.is_at_most(l.gather(&table.corners, bin, 0), rest);
+        let behind = l.gather_row(&table.behind, bin);
+        for c in 0..8 {
+            row[c] = l.select(is_behind, behind[c], row[c]);
+        }
+    }
     let mut channels = [l.splat(0.0); 4];
     for c in 0..if ABSORBS { 4 } else { 3 } {
         channels[c] = l.fma(rest, row[4 + c], row[c]);
