@@ -73,21 +73,34 @@ pub(super) trait Lanes: Copy {
     fn deal(self, x: Self::Float, lanes: Self::Index) -> Self::Float;
     /// `table[index + offset]`, of the last element where that is beyond it.
     fn gather(self, table: &[f32], index: Self::Index, offset: usize) -> Self::Float;
-    /// Two neighbours: `table[index + offset]` and the next, of the last two where they are beyond.
-    #[inline(always)]
-    fn gather_pair(self, table: &[f32], index: Self::Index, offset: usize) -> [Self::Float; 2] {
-        let firsts = &table[..table.len() - 1];
-        [self.gather(firsts, index, offset), self.gather(&table[1..], index, offset)]
-    }
+    /// Pairs of neighbours: `table[index + offset]` and the next, for each offset; of the last index
+    /// for which there are all where it is beyond that.
+    fn gather_pairs(
+        self,
+        table: &[f32],
+        index: Self::Index,
+        offsets: [usize; 4],
+    ) -> [[Self::Float; 2]; 4];
     /// `table[index]`, of the last row where that is beyond it.
     fn gather_row<const N: usize>(self, table: &[[f32; N]], index: Self::Index)
     -> [Self::Float; N];
     fn gather_bits(self, table: &[u32], index: Self::Index) -> Self::Index;
     /// Of a table with [`BYTE_PADDING`] more bytes at its end.
     fn gather_bytes(self, table: &[u8], index: Self::Index) -> Self::Index;
+    /// An f32's bits.
+    fn bits_of(self, x: Self::Float) -> Self::Index;
     /// The f32 whose bits are the upper, or the lower, half of the index and zeros.
     fn upper_half(self, index: Self::Index) -> Self::Float;
     fn lower_half(self, index: Self::Index) -> Self::Float;
+}
+
+/// The last index from which on there are pairs at all offsets.
+#[inline(always)]
+fn last_of_pairs(table: &[f32], offsets: [usize; 4]) -> usize {
+    let [a, b, c, d] = offsets;
+    let beyond = a.max(b).max(c.max(d)) + 2;
+    assert!(table.len() >= beyond, "gathering pairs from a table without any");
+    table.len() - beyond
 }
 
 /// What runs on lanes of any kind.

@@ -1,6 +1,6 @@
 //! Lanes as plain arrays: the reference for the others, and what runs on processors without them.
 
-use super::{BYTE_PADDING, Lanes, Row};
+use super::{BYTE_PADDING, Lanes, Row, last_of_pairs};
 
 const COUNT: usize = 8;
 
@@ -126,6 +126,17 @@ impl Lanes for Portable {
         each(|n| table[(index[n] as usize + offset).min(table.len() - 1)])
     }
     #[inline(always)]
+    fn gather_pairs(
+        self,
+        table: &[f32],
+        index: Self::Index,
+        offsets: [usize; 4],
+    ) -> [[Self::Float; 2]; 4] {
+        let last = last_of_pairs(table, offsets);
+        let first = each(|n| (index[n] as usize).min(last));
+        offsets.map(|offset| [offset, offset + 1].map(|offset| each(|n| table[first[n] + offset])))
+    }
+    #[inline(always)]
     fn gather_row<const N: usize>(
         self,
         table: &[[f32; N]],
@@ -142,6 +153,10 @@ impl Lanes for Portable {
     fn gather_bytes(self, table: &[u8], index: Self::Index) -> Self::Index {
         let last = table.len().saturating_sub(BYTE_PADDING + 1);
         each(|n| u32::from(table[(index[n] as usize).min(last)]))
+    }
+    #[inline(always)]
+    fn bits_of(self, x: Self::Float) -> Self::Index {
+        each(|n| x[n].to_bits())
     }
     #[inline(always)]
     fn upper_half(self, index: Self::Index) -> Self::Float {

@@ -27,7 +27,8 @@ impl Kernel for &Everything {
         let bits: Vec<u32> = self.table.iter().map(|x| x.to_bits()).collect();
         let both = l.gather_bits(&bits, index);
         let less = l.is_at_most(a, b);
-        let [first, second] = l.gather_pair(&self.table, index, 3);
+        let [[first, second], .., [third, fourth]] =
+            l.gather_pairs(&self.table, index, [1, 2, 0, 3]);
         let row = l.gather_row(&self.rows, index);
         let byte = l.gather_bytes(&self.bytes, index);
         let choice = |mask: L::Mask| l.select(mask, l.splat(1.0), l.splat(0.0));
@@ -47,9 +48,12 @@ impl Kernel for &Everything {
             choice(l.mask(l.bits(less))),
             l.gather(&self.table, index, 2),
             l.upper_half(both),
+            l.upper_half(l.bits_of(first)),
             l.lower_half(both),
             first,
             second,
+            third,
+            fourth,
             row[0],
             row[3],
             row[6],

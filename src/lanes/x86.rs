@@ -7,7 +7,7 @@
 
 use std::arch::x86_64::*;
 
-use super::{BYTE_PADDING, Kernel, Lanes, Row};
+use super::{BYTE_PADDING, Kernel, Lanes, Row, last_of_pairs};
 
 /// Proof of AVX2 and FMA.
 #[derive(Debug, Clone, Copy)]
@@ -137,6 +137,7 @@ impl Lanes for Avx512 {
         _mm512_cmpeq_epi32_mask(a, _mm512_set1_epi32(value.cast_signed()))
     });
     method!(deal(x: __m512, lanes: __m512i) -> __m512 { _mm512_permutexvar_ps(lanes, x) });
+    method!(bits_of(x: __m512) -> __m512i { _mm512_castps_si512(x) });
     method!(upper_half(index: __m512i) -> __m512 {
         _mm512_castsi512_ps(_mm512_slli_epi32::<16>(_mm512_srli_epi32::<16>(index)))
     });
@@ -172,37 +173,43 @@ impl Lanes for Avx512 {
     }
     // Loads and shuffles, here and in `gather_row`: gathers take most processors longer.
     #[inline(always)]
-    fn gather_pair(self, table: &[f32], index: __m512i, offset: usize) -> [__m512; 2] {
-        assert!(table.len() > 1, "gathering pairs from a table without any");
-        let last = last(table);
-        // SAFETY: `self` proves the features; a pair begins at least two before the table's end.
+    fn gather_pairs(self, table: &[f32], index: __m512i, offsets: [usize; 4]) -> [[__m512; 2]; 4] {
+        let last = i32::try_from(last_of_pairs(table, offsets)).unwrap_or(i32::MAX);
+        let mut pairs = [[self.splat(0.0); 2]; 4];
+        // SAFETY: `self` proves the features; as unsigned numbers, indices are at most the last one
+        // from which on there are pairs at all offsets.
         unsafe {
-            let index = _mm512_add_epi32(index, _mm512_set1_epi32(offset as i32));
-            let at = sixteen(_mm512_min_epu32(index, _mm512_set1_epi32(last - 1)));
-            let mut two = [_mm_setzero_ps(); 8];
-            for n in 0..8 {
-                let pair = table.as_ptr().add(at[2 * n] as usize).cast::<f64>();
-                let next = table.as_ptr().add(at[2 * n + 1] as usize).cast::<f64>();
-                two[n] = _mm_castpd_ps(_mm_loadh_pd(_mm_load_sd(pair), next));
+            let at = sixteen(_mm512_min_epu32(index, _mm512_set1_epi32(last)));
+            for place in 0..4 {
+                let start = table.as_ptr().add(offsets[place]);
+                let mut two = [_mm_setzero_ps(); 8];
+                for n in 0..8 {
+                    let pair = start.add(at[2 * n] as usize).cast::<f64>();
+                    let next = start.add(at[2 * n + 1] as usize).cast::<f64>();
+                    two[n] = _mm_castpd_ps(_mm_loadh_pd(_mm_load_sd(pair), next));
+                }
+                let a = quarters([two[0], two[2], two[4], two[6]]);
+                let b = quarters([two[1], two[3], two[5], two[7]]);
+                pairs[place] = [_mm512_shuffle_ps::<0x88>(a, b), _mm512_shuffle_ps::<0xdd>(a, b)];
             }
-            let a = quarters([two[0], two[2], two[4], two[6]]);
-            let b = quarters([two[1], two[3], two[5], two[7]]);
-            [_mm512_shuffle_ps::<0x88>(a, b), _mm512_shuffle_ps::<0xdd>(a, b)]
         }
+        pairs
     }
     #[inline(always)]
     fn gather_row<const N: usize>(self, table: &[[f32; N]], index: __m512i) -> [__m512; N] {
         const { assert!(N.is_multiple_of(4)) };
-        let last = last(table);
+        // Rows begin so many bytes from the first as i32 holds.
+        let last = last(table).min(i32::MAX / (4 * N as i32));
         let mut row = [self.splat(0.0); N];
         // SAFETY: `self` proves the features; as unsigned numbers, indices are at most the last
         // row's, of which all elements are read, four at once.
         unsafe {
-            let at = sixteen(_mm512_min_epu32(index, _mm512_set1_epi32(last)));
+            let index = _mm512_min_epu32(index, _mm512_set1_epi32(last));
+            let at = sixteen(_mm512_mullo_epi32(index, _mm512_set1_epi32(4 * N as i32)));
             for first in (0..N).step_by(4) {
                 let mut four = [_mm_setzero_ps(); 16];
                 for n in 0..16 {
-                    let row = table.as_ptr().add(at[n] as usize).cast::<f32>();
+                    let row = table.as_ptr().byte_add(at[n] as usize).cast::<f32>();
                     four[n] = _mm_loadu_ps(row.add(first));
                 }
                 let a = quarters([four[0], four[4], four[8], four[12]]);
@@ -292,6 +299,7 @@ impl Lanes for Avx2 {
         _mm256_castsi256_ps(_mm256_cmpeq_epi32(a, _mm256_set1_epi32(value.cast_signed())))
     });
     method!(deal(x: __m256, lanes: __m256i) -> __m256 { _mm256_permutevar8x32_ps(x, lanes) });
+    method!(bits_of(x: __m256) -> __m256i { _mm256_castps_si256(x) });
     method!(upper_half(index: __m256i) -> __m256 {
         _mm256_castsi256_ps(_mm256_slli_epi32::<16>(_mm256_srli_epi32::<16>(index)))
     });
@@ -309,40 +317,46 @@ impl Lanes for Avx2 {
             _mm256_i32gather_ps::<4>(table.as_ptr(), index)
         }
     }
-    // Loads and shuffles: gathers take this kind of processor several times as long.
+    // Loads and shuffles, here and in `gather_row`: gathers take this kind of processor several
+    // times as long.
     #[inline(always)]
-    fn gather_pair(self, table: &[f32], index: __m256i, offset: usize) -> [__m256; 2] {
-        assert!(table.len() > 1, "gathering pairs from a table without any");
-        let last = last(table);
-        // SAFETY: `self` proves the features; a pair begins at least two before the table's end.
+    fn gather_pairs(self, table: &[f32], index: __m256i, offsets: [usize; 4]) -> [[__m256; 2]; 4] {
+        let last = i32::try_from(last_of_pairs(table, offsets)).unwrap_or(i32::MAX);
+        let mut pairs = [[self.splat(0.0); 2]; 4];
+        // SAFETY: `self` proves the features; as unsigned numbers, indices are at most the last one
+        // from which on there are pairs at all offsets.
         unsafe {
-            let index = _mm256_add_epi32(index, _mm256_set1_epi32(offset as i32));
-            let index = _mm256_min_epu32(index, _mm256_set1_epi32(last - 1));
-            let at = numbers(index);
-            let mut two = [_mm_setzero_pd(); 4];
-            for n in 0..4 {
-                let pair = table.as_ptr().add(at[2 * n] as usize).cast::<f64>();
-                let next = table.as_ptr().add(at[2 * n + 1] as usize).cast::<f64>();
-                two[n] = _mm_loadh_pd(_mm_load_sd(pair), next);
+            let at = numbers(_mm256_min_epu32(index, _mm256_set1_epi32(last)));
+            for place in 0..4 {
+                let start = table.as_ptr().add(offsets[place]);
+                let mut two = [_mm_setzero_pd(); 4];
+                for n in 0..4 {
+                    let pair = start.add(at[2 * n] as usize).cast::<f64>();
+                    let next = start.add(at[2 * n + 1] as usize).cast::<f64>();
+                    two[n] = _mm_loadh_pd(_mm_load_sd(pair), next);
+                }
+                let a = _mm256_castpd_ps(_mm256_set_m128d(two[2], two[0]));
+                let b = _mm256_castpd_ps(_mm256_set_m128d(two[3], two[1]));
+                pairs[place] = [_mm256_shuffle_ps::<0x88>(a, b), _mm256_shuffle_ps::<0xdd>(a, b)];
             }
-            let a = _mm256_castpd_ps(_mm256_set_m128d(two[2], two[0]));
-            let b = _mm256_castpd_ps(_mm256_set_m128d(two[3], two[1]));
-            [_mm256_shuffle_ps::<0x88>(a, b), _mm256_shuffle_ps::<0xdd>(a, b)]
         }
+        pairs
     }
     #[inline(always)]
     fn gather_row<const N: usize>(self, table: &[[f32; N]], index: __m256i) -> [__m256; N] {
         const { assert!(N.is_multiple_of(4)) };
-        let last = last(table);
+        // Rows begin so many bytes from the first as i32 holds.
+        let last = last(table).min(i32::MAX / (4 * N as i32));
         let mut row = [self.splat(0.0); N];
         // SAFETY: `self` proves the features; as unsigned numbers, indices are at most the last
         // row's, of which all elements are read, four at once.
         unsafe {
-            let at = numbers(_mm256_min_epu32(index, _mm256_set1_epi32(last)));
+            let index = _mm256_min_epu32(index, _mm256_set1_epi32(last));
+            let at = numbers(_mm256_mullo_epi32(index, _mm256_set1_epi32(4 * N as i32)));
             for first in (0..N).step_by(4) {
                 let mut four = [_mm_setzero_ps(); 8];
                 for n in 0..8 {
-                    let row = table.as_ptr().add(at[n] as usize).cast::<f32>();
+                    let row = table.as_ptr().byte_add(at[n] as usize).cast::<f32>();
                     four[n] = _mm_loadu_ps(row.add(first));
                 }
                 let a = _mm256_set_m128(four[4], four[0]);

@@ -145,8 +145,9 @@ pub(super) struct Grades {
     /// As [`super::packet::Ground`] has them.
     pub(super) rates: Vec<u32>,
     pub(super) levels: Vec<u32>,
-    /// The same of places near groups, once [`Self::look_around`] was asked for it.
-    pub(super) levels_near: Vec<u32>,
+    pub(super) rows: Vec<[f32; 8]>,
+    /// Whether rows have what [`Self::look_around`] finds.
+    has_near: bool,
     pub(super) reliefs: Vec<[f32; 8]>,
     pub(super) reach: f32,
     /// Whether rays of squares wider than a cell may go through.
@@ -154,7 +155,6 @@ pub(super) struct Grades {
     pub(super) parts: u32,
     /// As [`Care::share_of_cell`] has it.
     pub(super) share: f64,
-    pub(super) stored: Vec<[f32; 4]>,
     pub(super) storage: [f32; 2],
     /// Groups that packets march through.
     pub(super) fit: usize,
@@ -179,12 +179,18 @@ impl Grades {
             rates.extend((0..count).map(|n| grader.grade(relief.group(n))));
         });
         self.fit = self.rates.iter().filter(|rate| **rate != UNFIT).count();
-        self.stored.clear();
-        let (most, slope) = (relief.whole.storage.most(), relief.whole.storage.slope());
-        let row_of = |n: usize| stored(relief.group(n), slope, &transfer.table);
-        self.stored.extend((0..count).map(row_of));
-        self.storage = [most, slope].map(up);
         self.fill_levels((relief, hides), transfer);
+        let (most, slope) = (relief.whole.storage.most(), relief.whole.storage.slope());
+        let rows = (0..count).map(|n| {
+            let [a, b, c, d] = stored(relief.group(n), slope, &transfer.table);
+            let levels = self.levels.get(n).copied().unwrap_or(0);
+            let [rate, levels] = [self.rates[n], levels].map(f32::from_bits);
+            [a, b, c, d, rate, levels, levels, 0.0]
+        });
+        self.rows.clear();
+        self.rows.extend(rows);
+        self.has_near = self.levels.is_empty();
+        self.storage = [most, slope].map(up);
         self.reliefs.clear();
         if has_squares {
             self.reliefs.extend((0..count).map(|n| row(relief.group(n))));
@@ -207,13 +213,13 @@ impl Grades {
         self.rates.extend((0..relief.count()).map(most));
         self.fit = self.rates.len();
         self.fill_levels((relief, hides), transfer);
+        self.rows.clear();
         self.reliefs.clear();
     }
 
     /// What lies beneath.
     fn fill_levels(&mut self, (relief, hides): (&Relief, bool), transfer: &PacketTransfer) {
         self.levels.clear();
-        self.levels_near.clear();
         if hides {
             let groups = (0..relief.count()).map(|n| relief.group(n));
             self.levels.extend(groups.map(|group| pack(group.levels, &transfer.table)));
@@ -223,29 +229,32 @@ impl Grades {
     /// Finds what lies beneath a group or any beside it, of so many along an edge, unless that is
     /// known.
     pub(super) fn look_around(&mut self, side: usize) {
-        if !self.levels_near.is_empty() {
+        if self.has_near {
             return;
         }
-        self.levels_near.extend_from_slice(&self.levels);
+        self.has_near = true;
         for stride in [1, side, side * side] {
             // Along one axis after the other, by what was there before: the last is kept.
             let mut before = vec![0; stride];
-            for at in 0..self.levels_near.len() {
+            for at in 0..self.rows.len() {
                 let n = at / stride % side;
-                let own = self.levels_near[at];
+                let own = self.rows[at][NEAR].to_bits();
                 let mut most = own;
                 if n > 0 {
                     most = larger_halves(most, before[at % stride]);
                 }
                 if n + 1 < side {
-                    most = larger_halves(most, self.levels_near[at + stride]);
+                    most = larger_halves(most, self.rows[at + stride][NEAR].to_bits());
                 }
                 before[at % stride] = own;
-                self.levels_near[at] = most;
+                self.rows[at][NEAR] = f32::from_bits(most);
             }
         }
     }
 }
+
+/// Where a group's row has levels near it.
+const NEAR: usize = 6;
 
 /// The larger of both halves.
 fn larger_halves(a: u32, b: u32) -> u32 {
@@ -326,7 +335,7 @@ impl Grader<'_> {
     }
 }
 
-/// As [`super::packet::Ground::stored`] has it, where what values make of x grows by so much a unit
+/// The first numbers of a row of [`super::packet::Ground::rows`], where what values make of x grows by so much a unit
 /// of it in all groups.
 fn stored(group: &Group, slope: f64, table: &TransferTable) -> [f32; 4] {
     let most = group.storage.most();

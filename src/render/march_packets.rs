@@ -115,7 +115,7 @@ impl Packets {
     pub(super) fn bytes(shape: BrickShape) -> u64 {
         let duals = shape.edge() + 1;
         let groups = duals.div_ceil(GROUP_EDGE);
-        let known = (3 * size_of::<u32>() + size_of::<[f32; 12]>()) * (groups.pow(3) + 1)
+        let known = (2 * size_of::<u32>() + 2 * size_of::<[f32; 8]>()) * (groups.pow(3) + 1)
             + duals.pow(3)
             + BYTE_PADDING;
         (2 * known + size_of::<Packets>() + Cabin::bytes()) as u64
@@ -229,10 +229,10 @@ impl Packets {
             hi: range.hi.map(|c| c as f32),
             shades: &passage.brick.shades.rows,
             rates: &self.grades.rates,
-            levels: if are_proxies { &self.grades.levels_near } else { &self.grades.levels },
+            rows: &self.grades.rows,
+            levels: &self.grades.levels,
             are_proxies,
             storages: &passage.brick.shades.storages,
-            stored: &self.grades.stored,
             storage: self.grades.storage,
             reliefs: if accounts.squares().is_empty() { &[] } else { &self.grades.reliefs },
             reach: self.grades.reach,

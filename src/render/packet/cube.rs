@@ -18,9 +18,10 @@ impl<L: Lanes> Cube<L> {
     pub(super) fn new(l: L, (values, side): (&[f32], usize), first: L::Index) -> Self {
         let (row, layer) = (side, side * side);
         let rows = [0, row, layer, layer + row];
+        let pairs = l.gather_pairs(values, first, rows);
         let mut cube = Self { lower: [l.splat(0.0); 4], rise: [l.splat(0.0); 4] };
         for n in 0..4 {
-            let [lower, upper] = l.gather_pair(values, first, rows[n]);
+            let [lower, upper] = pairs[n];
             (cube.lower[n], cube.rise[n]) = (lower, l.sub(upper, lower));
         }
         cube

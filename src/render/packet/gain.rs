@@ -35,7 +35,7 @@ pub(super) struct Stretch<'s, L: Lanes> {
     pub(super) thickness: L::Float,
     /// What extinction is off by beside what is found out on the way.
     pub(super) rate: L::Float,
-    /// As [`Ground::stored`] has it.
+    /// The first four of [`Ground::rows`].
     pub(super) stored: [L::Float; 4],
 }
 

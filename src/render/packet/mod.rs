@@ -73,20 +73,22 @@ pub(super) struct Ground<'g> {
     /// extinction (lower half) may be off by; [`UNFIT`] where that is too much. Where cells are
     /// constant, the most that they are.
     pub(super) rates: &'g [u32],
+    /// All that is known of each group where cells are not constant, else empty. What stored values
+    /// make of emission and extinction, relative to the table's, and of x, at most, and where that is
+    /// 0; then the bits of its rates, of its levels', and of the levels' near it.
+    pub(super) rows: &'g [[f32; 8]],
     /// The same of what lies beneath the brick; empty where nothing does.
     pub(super) levels: &'g [u32],
     /// The same of stored values, of each cell where these are constant; else empty.
     pub(super) storages: &'g [u32],
-    /// What stored values make of emission and extinction in each group, relative to the table's;
-    /// and of x, at most, and where that is 0. The most that they make of x in any group, and
-    /// how much more that is for each unit of x.
-    pub(super) stored: &'g [[f32; 4]],
+    /// The most that stored values make of x in any group, and how much more that is for each unit
+    /// of x.
     pub(super) storage: [f32; 2],
     /// Where rays stand for squares, for each group, and all in one: steepest slopes of x along each
     /// axis, half the ranges of these, the range of x, and a filler; else empty.
     pub(super) reliefs: &'g [[f32; 8]],
-    /// Whether rays are marched in place of others, near them: then `levels` holds for places a cell
-    /// beside each group as well, as all else does that is known of groups.
+    /// Whether rays are marched in place of others, near them: then what holds for places a cell beside
+    /// each group counts of levels, as it does of all else that is known of groups.
     pub(super) are_proxies: bool,
     /// How far kinks are looked for around what a square's rays see.
     pub(super) reach: f32,
@@ -255,7 +257,8 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
     let zero = l.splat(0.0);
     loop {
         let group = walk.group(ground.groups);
-        let bits = l.gather_bits(ground.rates, group);
+        let row = l.gather_row(ground.rows, group);
+        let bits = l.bits_of(row[4]);
         let mut unfit = l.is_index(bits, UNFIT);
         let duals = walk.index(l.splat((ground.side - 1) as f32));
         if !ground.kinds.is_empty() {
@@ -273,10 +276,8 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
         walk.locate();
         let exit = walk.exit(walk.planes());
         let way = l.select(active, exit.way, zero);
-        // The rates of lanes that are not active may be no numbers.
-        let emission_off = l.select(active, l.upper_half(bits), zero);
-        let extinction_off = l.select(active, l.lower_half(bits), zero);
-        let stored = l.gather_row(ground.stored, group);
+        let [emission_off, extinction_off] = unpacked(l, bits, active);
+        let stored = [row[0], row[1], row[2], row[3]];
         let stretch = Stretch {
             cube: &cube,
             bend: cube.bend(l, &skew, (walk.place, way)),
@@ -328,7 +329,8 @@ fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
         let lit = steep.lit;
         sums.off = add_off::<L, ABSORBS>(l, sums.off, [emission_off, extinction_off], lit, way);
         if !ground.levels.is_empty() {
-            let rates = rates_at(l, ground.levels, group, active);
+            let levels = l.bits_of(if ground.are_proxies { row[6] } else { row[5] });
+            let rates = unpacked(l, levels, active);
             sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, lit, way);
         }
         if ground.are_proxies {
@@ -361,7 +363,13 @@ fn go_on<L: Lanes, const ABSORBS: bool>(
 /// What emission and extinction are off by in a group, in active lanes.
 #[inline(always)]
 fn rates_at<L: Lanes>(l: L, rates: &[u32], group: L::Index, active: L::Mask) -> [L::Float; 2] {
-    let (bits, zero) = (l.gather_bits(rates, group), l.splat(0.0));
+    unpacked(l, l.gather_bits(rates, group), active)
+}
+
+/// Both halves of rates, in active lanes: those of others may be no numbers.
+#[inline(always)]
+fn unpacked<L: Lanes>(l: L, bits: L::Index, active: L::Mask) -> [L::Float; 2] {
+    let zero = l.splat(0.0);
     [l.select(active, l.upper_half(bits), zero), l.select(active, l.lower_half(bits), zero)]
 }
 
