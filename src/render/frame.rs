@@ -57,6 +57,12 @@ impl Frame {
     /// The ray through (P, Q) = `plane`.
     #[inline]
     pub fn ray(&self, plane: DVec2) -> LocalRay {
+        self.ray_of(plane, self.basis.length(plane, self.is_perspective))
+    }
+
+    /// The same where its length, as [`Basis::length`] has it, is known.
+    #[inline]
+    pub(super) fn ray_of(&self, plane: DVec2, length: f64) -> LocalRay {
         let Basis { forward, right, up } = self.basis;
         let aside = right * plane.x + up * plane.y;
         let mut ray = if self.is_perspective {
@@ -64,14 +70,14 @@ impl Frame {
             LocalRay {
                 origin: self.anchor + aside * self.depth * self.cells_per_length,
                 direction: along * self.cells_per_length,
-                length: along.length(),
+                length,
                 sigma_min: -self.depth,
             }
         } else {
             LocalRay {
                 origin: self.anchor + aside * self.cells_per_length,
                 direction: forward * self.cells_per_length,
-                length: 1.0,
+                length,
                 sigma_min: f64::NEG_INFINITY,
             }
         };

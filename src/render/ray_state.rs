@@ -96,6 +96,9 @@ impl RayState {
     /// Passes an optical depth.
     #[inline]
     pub(super) fn absorb(&mut self, depth: f64) {
+        if depth == 0.0 {
+            return;
+        }
         if depth < SERIES_DEPTH {
             let absorbed = self.transmittance * (depth * mean_series(depth));
             add(&mut self.transmittance, &mut self.transmittance_excess, -absorbed);
@@ -165,7 +168,10 @@ pub(super) fn mean_series(depth: f64) -> f64 {
         1.0 / 5040.0,
         -1.0 / 40320.0,
     ];
-    TERMS.iter().rev().fold(0.0, |sum, term| sum * depth + term)
+    // Pairs, and pairs of pairs (Estrin, 1960): they do not wait for each other.
+    let square = depth * depth;
+    let pair = |n: usize| TERMS[n] + TERMS[n + 1] * depth;
+    (pair(0) + pair(2) * square) + (pair(4) + pair(6) * square) * (square * square)
 }
 
 /// Where a ray may end.

@@ -165,6 +165,11 @@ impl PixelGrid {
         self.plane_at(square.centre)
     }
 
+    /// How long the way along the ray through (P, Q) = `plane` is for each unit of depth.
+    pub(super) fn length(&self, plane: DVec2) -> f64 {
+        self.view.length(plane)
+    }
+
     /// Half the square's width in P and Q.
     pub fn half(&self, square: &Square) -> DVec2 {
         self.pixel_size() * square.half()

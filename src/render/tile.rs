@@ -45,8 +45,9 @@ pub(super) struct Tile {
     has_area: bool,
     /// The squares, pixel by pixel.
     squares: Vec<Square>,
-    /// Where their centres are on the image plane, and half their width there.
-    planes: Vec<[DVec2; 2]>,
+    /// Where their centres are on the image plane, half their width there, and how long their rays
+    /// are for each unit of depth.
+    planes: Vec<(DVec2, DVec2, f64)>,
     states: Vec<RayState>,
     errors: Vec<RayError>,
     /// Which squares need more: one bit each.
@@ -91,7 +92,7 @@ impl Tile {
     /// Most bytes that a tile takes, for bricks of `shape` with `blocks` blocks.
     pub(super) fn bytes(shape: BrickShape, blocks: usize, interpolation: Interpolation) -> u64 {
         let of_ray = size_of::<Square>()
-            + size_of::<[DVec2; 2]>()
+            + size_of::<(DVec2, DVec2, f64)>()
             + size_of::<RayState>()
             + size_of::<RayError>()
             + 4;
@@ -141,7 +142,10 @@ impl Tile {
         self.squares.extend_from_slice(squares);
         self.planes.clear();
         let half = |square| if has_area { grid.half(square) } else { DVec2::ZERO };
-        self.planes.extend(squares.iter().map(|square| [grid.plane(square), half(square)]));
+        self.planes.extend(squares.iter().map(|square| {
+            let plane = grid.plane(square);
+            (plane, half(square), grid.length(plane))
+        }));
         self.states.clear();
         self.states.resize(squares.len(), RayState::default());
         self.errors.clear();
@@ -204,7 +208,7 @@ impl Tile {
     /// or 1 where there are many; 0 where there is none. `rect` lies within the tile.
     pub(super) fn needs(&self, rect: &PixelRect, footprint: &Footprint) -> f64 {
         let meeting = self.open(*rect).filter(|index| {
-            let [plane, half] = self.planes[*index];
+            let (plane, half, _) = self.planes[*index];
             meets(footprint, plane, half)
         });
         let mut largest = 0.0_f64;
@@ -284,11 +288,11 @@ impl Tile {
             let mut at = range.start;
             while let Some(index) = self.next_alive(at..range.end) {
                 at = index + 1;
-                let [plane, half] = self.planes[index];
+                let (plane, half, length) = self.planes[index];
                 if !meets(footprint, plane, half) {
                     continue;
                 }
-                let ray = frame.ray(plane);
+                let ray = frame.ray_of(plane, length);
                 if has_squares {
                     let share = covered / grid.weight(&self.squares[index]);
                     self.beams.push(beam(frame, &ray, half, share));

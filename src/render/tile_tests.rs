@@ -28,7 +28,7 @@ fn rays_are_needed_until_they_are_done() {
     assert_eq!(tile.needs(&rect([64, 127], [66, 67]), &ALL), 0.0);
     assert_eq!(tile.needs(&rect([64, 127], [65, 67]), &ALL), 1.0);
     // What lies between the rays of four pixels.
-    let [first, last] = [0, 65].map(|index| tile.planes[index][0]);
+    let [first, last] = [0, 65].map(|index| tile.planes[index].0);
     let middle = first.midpoint(last);
     let between = |by: f64| {
         let reach = (last - first).abs() * by;

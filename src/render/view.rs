@@ -19,6 +19,15 @@ pub(super) struct Basis {
     pub(super) up: DVec3,
 }
 
+impl Basis {
+    /// How long the way along the ray through (P, Q) = `plane` is for each unit of depth.
+    #[inline]
+    pub(super) fn length(&self, plane: DVec2, is_perspective: bool) -> f64 {
+        let Self { forward, right, up } = *self;
+        if is_perspective { (forward + (right * plane.x + up * plane.y)).length() } else { 1.0 }
+    }
+}
+
 /// A camera in a domain, with the picture's size. Places of the image plane are (P, Q): the ray
 /// of a perspective view runs along `forward + right·P + up·Q` from the eye, that of an
 /// orthographic one along `forward` through `position + right·P + up·Q` (code length).
@@ -93,6 +102,11 @@ impl View {
     /// Rows.
     pub fn height(&self) -> u32 {
         self.height
+    }
+
+    /// As [`Basis::length`] has it.
+    pub(super) fn length(&self, plane: DVec2) -> f64 {
+        self.basis.length(plane, self.is_perspective)
     }
 
     /// (P, Q) of a place in pixels from the picture's left and upper edge: i + ½ and j + ½ for

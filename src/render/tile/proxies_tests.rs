@@ -70,6 +70,10 @@ proptest! {
         grid.first_squares(&WHOLE, &mut squares);
         let mut tile = Tile::new(0);
         tile.start(&grid, WHOLE, (&squares, false));
+        // The frame's projection is not always the picture's own.
+        for (plane, _, length) in &mut tile.planes {
+            *length = frame.ray(*plane).length;
+        }
         // What rays have met in front of the brick differs from ray to ray.
         for (n, state) in tile.states.iter_mut().enumerate() {
             state.absorb((n % 7) as f64 / 8.0);
@@ -82,7 +86,7 @@ proptest! {
         let settings = Settings { light, grid: &grid, accounts: true, care, lending };
         tile.draw_part(&part, &WHOLE, settings);
         prop_assert!(tile.served.iter().all(|bits| *bits == 0));
-        let rays: Vec<_> = tile.planes.iter().map(|[plane, _]| frame.ray(*plane)).collect();
+        let rays: Vec<_> = tile.planes.iter().map(|(plane, _, length)| frame.ray_of(*plane, *length)).collect();
         let brightest = exact.brightest().min(LONGEST * exact.largest_emission());
         let truths = setting.alone(&rays);
         for (n, truth) in truths.iter().enumerate() {
