@@ -1,5 +1,7 @@
 //! One ray's account of what may be wrong with it, through one brick.
 
+use std::borrow::Cow;
+
 use super::absorb::{Integrator, Tally};
 use super::ray_error::{Change, RayError, Sums};
 use super::relief::{Group, Relief};
@@ -269,9 +271,12 @@ impl<'a> Ledger<'a> {
 
     /// What holds for the square's rays beside `point`, and for this one's way of `half` cells on
     /// both sides of it.
-    pub(super) fn group_near(&self, point: [f64; 3], half: f64) -> Group {
+    pub(super) fn group_near(&self, point: [f64; 3], half: f64) -> Cow<'a, Group> {
         let widest = self.spread.iter().copied().fold(0.0, f64::max);
-        if widest > 4.0 { self.relief.whole } else { self.relief.near(point, widest + half) }
+        if widest > 4.0 {
+            return Cow::Borrowed(&self.relief.whole);
+        }
+        self.relief.near(point, widest + half)
     }
 
     /// `share` of the square differs by `change`.

@@ -269,6 +269,7 @@ fn look_beside(
     let (from, to) = span.unwrap_or((wide.1, wide.1));
     let (lo, hi) = moved(region.ends, -1.0);
     let kept = match span {
+        Some(span) if region.ends == 0 => span,
         Some(_) => clip(ray, lo, hi).unwrap_or((to, from)),
         None => (wide.1, wide.1),
     };
@@ -301,6 +302,9 @@ fn domain_end(
     spread: [f64; 3],
     (from, to): (f64, f64),
 ) -> DomainEnd {
+    if region.ends == 0 {
+        return DomainEnd::Nowhere;
+    }
     let reaches = |face: usize| {
         let a = face % 3;
         let plane = if face < 3 { region.lo[a] } else { region.hi[a] };

@@ -2,6 +2,8 @@
 //! range and slopes of the interpolant. From these follow the differences between the rays of a
 //! pixel, and what it means that a brick is drawn instead of those beneath it.
 
+use std::borrow::Cow;
+
 use super::ray_error::Change;
 use super::scaled::ScaledBrick;
 use super::span::Span;
@@ -204,13 +206,17 @@ impl Relief {
 
     /// What holds for all within `reach` cells of `point`, of which the groups themselves know
     /// one.
-    pub(super) fn near(&self, point: [f64; 3], reach: f64) -> Group {
+    pub(super) fn near(&self, point: [f64; 3], reach: f64) -> Cow<'_, Group> {
         let beyond = reach - 1.0;
         let last = self.side - 1;
         let group = |x: f64| ((x + 0.5) / GROUP_EDGE as f64).max(0.0) as usize;
         let [lo, hi] =
             [beyond.max(0.0), -beyond.max(0.0)].map(|off| point.map(|x| group(x - off).min(last)));
-        let mut all = *self.group((lo[2] * self.side + lo[1]) * self.side + lo[0]);
+        let first = self.group((lo[2] * self.side + lo[1]) * self.side + lo[0]);
+        if lo == hi {
+            return Cow::Borrowed(first);
+        }
+        let mut all = *first;
         for z in lo[2]..=hi[2] {
             for y in lo[1]..=hi[1] {
                 for x in lo[0]..=hi[0] {
@@ -218,7 +224,7 @@ impl Relief {
                 }
             }
         }
-        all
+        Cow::Owned(all)
     }
 }
 

@@ -3,6 +3,8 @@
 //! Bricks in front and behind are not marched by the same proxies: where a ray of the square comes
 //! into the brick before the proxy does, or after, all that is there counts.
 
+use std::borrow::Cow;
+
 use glam::DVec3;
 
 use super::super::frame::LocalRay;
@@ -68,7 +70,11 @@ fn at_face(
     let reach = along.max_element() + spread.iter().copied().fold(0.0, f64::max);
     let point = ray.origin + ray.direction * sigma;
     let relief = &passage.brick.relief;
-    let group = if reach > MOST_REACH { relief.whole } else { relief.near(point.into(), reach) };
+    let group = if reach > MOST_REACH {
+        Cow::Borrowed(&relief.whole)
+    } else {
+        relief.near(point.into(), reach)
+    };
     let most = group.span.most.plus(group.levels);
     let length = way * ray.length;
     // At the far end the proxy, and so what is seen, is not yet as dim as behind it.
