@@ -202,6 +202,19 @@ impl Lent {
         }
     }
 
+    /// This and what lies behind it, where so much `transmittance` is left.
+    pub(super) fn then(&self, behind: &Self, transmittance: f64) -> Self {
+        let seen = |sums: Sums| sums.seen_through(transmittance);
+        Self {
+            levels: self.levels.plus(seen(behind.levels)),
+            storage: self.storage.plus(seen(behind.storage)),
+            march: self.march.plus(seen(behind.march)),
+            apart: self.apart.plus(seen(behind.apart)),
+            bent: self.bent.plus(seen(behind.bent)),
+            quadrature: self.quadrature + behind.quadrature * transmittance,
+        }
+    }
+
     /// The larger of each: what a mean of both is off by, whatever their shares.
     pub(super) fn max(self, other: &Self) -> Self {
         Self {

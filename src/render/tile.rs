@@ -167,6 +167,7 @@ impl Tile {
         let end = u16::try_from(squares.len()).unwrap_or(u16::MAX);
         self.starts.resize(rect.count() + 1, end);
         self.clearness.forget();
+        self.proxies.forget();
     }
 
     /// The squares in columns of `rect`, of one of its rows.
@@ -281,6 +282,9 @@ impl Tile {
         if let Some(lending) = lending.filter(|_| in_packets) {
             samples += self.draw_by_proxies(part, pixels, (light, grid), lending);
         }
+        if self.served != self.alive {
+            self.settle(light);
+        }
         let covered = grid.covered(footprint);
         let alone = if accounts { Accounts::Alone(frame.depth) } else { Accounts::None };
         for row in pixels.rows() {
@@ -338,7 +342,11 @@ impl Tile {
     }
 
     /// Each square with what its ray has gathered (R, G, B, A) and how far that may be off.
-    pub(super) fn outcome<'t>(&'t self, light: &'t Light<'_>) -> impl Iterator<Item = Found> + 't {
+    pub(super) fn outcome<'t>(
+        &'t mut self,
+        light: &'t Light<'_>,
+    ) -> impl Iterator<Item = Found> + 't {
+        self.settle(light);
         let rays = self.squares.iter().zip(&self.states).zip(&self.errors);
         rays.map(|((square, state), error)| {
             let [r, g, b] = state.radiance;

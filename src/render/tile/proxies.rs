@@ -8,7 +8,8 @@
 //! their displacement (`render/packet/square.rs`; `docs/ACCURACY.md`, "Between proxies"). A mean of
 //! pictures is off by no more than the mean of what these are off by, so the largest of four
 //! accounts holds for it. Blocks of a lattice whose accounts say too much are tried with a finer
-//! one, at last ray by ray.
+//! one, at last ray by ray. Where brick after brick all rays of a tile take from the tile's corners,
+//! these gather on, and rays take what comes of it in the end.
 
 use glam::DVec2;
 
@@ -31,6 +32,10 @@ pub(super) const NEAREST: u32 = 4;
 const FINER: u32 = 4;
 /// And no farther than this, cells: accounts of rays that are more than a cell apart say little.
 const WIDEST: f64 = 0.9;
+/// Rays do not wait longer for what the tile's corners have gathered than until so little comes
+/// through, or until extinction may differ by so much along them.
+const CLEAR: f64 = 0.9;
+const ALIKE: f64 = 0.05;
 /// Proxies are so many pixels apart, at most.
 const FARTHEST: f64 = TILE_SIDE as f64;
 
@@ -46,6 +51,10 @@ struct Spot {
 
 /// Light (R, G, B), and the shares of that from behind that come through and do not.
 type Gathered = [f64; 5];
+const THROUGH: usize = 3;
+
+/// Corners of a block.
+const CORNERS: usize = 4;
 
 fn between(a: Gathered, b: Gathered, u: f64) -> Gathered {
     std::array::from_fn(|n| a[n] + (b[n] - a[n]) * u)
@@ -60,6 +69,8 @@ pub(super) struct Proxies {
     spots: Vec<Spot>,
     /// The blocks with rays that need more.
     blocks: Vec<[u32; 2]>,
+    /// What the tile's four corners have gathered since rays last took something; else none.
+    kept: Vec<Spot>,
 }
 
 impl Proxies {
@@ -69,16 +80,23 @@ impl Proxies {
     /// Most heap bytes.
     pub(super) fn bytes() -> usize {
         Self::SPOTS * (size_of::<Spot>() + size_of::<[u32; 2]>())
+            + CORNERS * size_of::<Spot>()
             + MOST_BOARDING * (size_of::<RayState>() + size_of::<RayError>())
     }
 
     /// Takes the memory, once.
     fn reserve(&mut self) {
-        let Self { states, errors, spots, blocks } = self;
+        let Self { states, errors, spots, blocks, kept } = self;
+        kept.reserve_exact(CORNERS.saturating_sub(kept.len()));
         states.reserve_exact(MOST_BOARDING.saturating_sub(states.len()));
         errors.reserve_exact(MOST_BOARDING.saturating_sub(errors.len()));
         spots.reserve_exact(Self::SPOTS.saturating_sub(spots.len()));
         blocks.reserve_exact(Self::SPOTS.saturating_sub(blocks.len()));
+    }
+
+    /// Forgets what corners have gathered for other rays.
+    pub(super) fn forget(&mut self) {
+        self.kept.clear();
     }
 
     /// How far a block's rays may be off.
@@ -229,6 +247,10 @@ impl Tile {
         (Thinning { limit, behind, .. }, transmittance): (Thinning<'_>, f64),
     ) -> usize {
         let mut served = 0;
+        let is_whole = lattice.apart == TILE_SIDE && *pixels == self.rect;
+        if !is_whole {
+            self.settle(light);
+        }
         for n in 0..self.proxies.blocks.len() {
             let block = self.proxies.blocks[n];
             let corners = lattice.corners(block);
@@ -238,12 +260,58 @@ impl Tile {
             // Rays that take from some which have ended early, and do not end themselves, would not know
             // what they miss.
             let done = corners.iter().filter(|corner| self.proxies.spots[**corner].is_done).count();
-            if off <= SHARE * limit && (done == 0 || done == corners.len()) {
+            let is_close = off <= SHARE * limit;
+            if is_whole && is_close && done == 0 {
+                self.keep(corners, light);
+                return self.states.len();
+            }
+            if is_whole {
+                self.settle(light);
+            }
+            if is_close && (done == 0 || done == corners.len()) {
                 let rect = lattice.pixels(block);
                 served += self.lend_block((rect, pixels), (corners, &account), light);
             }
         }
         served
+    }
+
+    /// All rays of the tile will take what its corners have gathered in this brick.
+    fn keep(&mut self, corners: [usize; CORNERS], light: &Light<'_>) {
+        let Proxies { kept, spots, .. } = &mut self.proxies;
+        if kept.is_empty() {
+            kept.extend(corners.map(|corner| spots[corner]));
+        } else {
+            for (spot, corner) in kept.iter_mut().zip(corners) {
+                *spot = spot.then(&spots[corner]);
+            }
+        }
+        let is_clear =
+            |spot: &Spot| spot.gathered[THROUGH] >= CLEAR && spot.account.apart.extinction <= ALIKE;
+        if !kept.iter().all(is_clear) {
+            self.settle(light);
+        }
+        self.served.copy_from_slice(&self.alive);
+    }
+
+    /// Gives all rays what the tile's corners have gathered for them. None is served of the brick in
+    /// hand.
+    pub(super) fn settle(&mut self, light: &Light<'_>) {
+        if self.proxies.kept.is_empty() {
+            return;
+        }
+        let Proxies { kept, spots, .. } = &mut self.proxies;
+        std::mem::swap(kept, spots);
+        let rect = self.rect;
+        let lattice = Lattice::over(&rect, &rect, TILE_SIDE);
+        let (corners, block) = (lattice.corners([0; 2]), lattice.pixels([0; 2]));
+        let mut account = self.proxies.account(corners);
+        account.cancel();
+        self.lend_block((block, &rect), (corners, &account), light);
+        let Proxies { kept, spots, .. } = &mut self.proxies;
+        std::mem::swap(kept, spots);
+        kept.clear();
+        self.served.fill(0);
     }
 
     fn lend_block(
@@ -296,6 +364,15 @@ impl Spot {
         let gathered = [r, g, b, state.transmittance, absorbed].map(|x| x * seen);
         let account = error.lent(transmittance);
         Self { gathered, account, is_wanted: true, is_done: false }
+    }
+
+    /// What it gathers in this brick and in one behind it.
+    fn then(&self, behind: &Self) -> Self {
+        let through = self.gathered[THROUGH];
+        let mut gathered: Gathered =
+            std::array::from_fn(|n| self.gathered[n] + behind.gathered[n] * through);
+        gathered[THROUGH] = through * behind.gathered[THROUGH];
+        Self { gathered, account: self.account.then(&behind.account, through), ..*behind }
     }
 
     /// Adds what rays of the proxy's square are off by because they are longer or shorter between

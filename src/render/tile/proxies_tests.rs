@@ -16,12 +16,19 @@ const PICTURE: u32 = 1024;
 const SIDE: u32 = 64;
 const WHOLE: PixelRect = PixelRect { lo: [PICTURE / 2; 2], hi: [PICTURE / 2 + SIDE; 2] };
 
-/// A brick in front of all pixels of a tile, of which one is `pixel` cells wide at its middle.
-fn frame(grid: &PixelGrid, at: [f64; 3], along: DVec3, pixel: f64, is_perspective: bool) -> Frame {
+/// A brick of cells of a `width` in front of all pixels of a tile, of which one is `pixel` cells wide at
+/// its middle. Of an orthographic view the pixels say how wide cells are.
+fn frame(
+    grid: &PixelGrid,
+    at: [f64; 3],
+    along: DVec3,
+    (pixel, width): (f64, f64),
+    is_perspective: bool,
+) -> Frame {
     let (right, up) = along.any_orthonormal_pair();
     let basis = Basis { forward: along, right, up };
-    let cell_width = DVec3::splat(WIDTH);
-    let depth = if is_perspective { pixel * WIDTH / grid.pixel_size().x } else { 1.0 };
+    let cell_width = DVec3::splat(width);
+    let depth = if is_perspective { pixel * width / grid.pixel_size().x } else { 1.0 };
     Frame {
         anchor: DVec3::from_array(at),
         anchor_units: [0; 3],
@@ -50,8 +57,10 @@ proptest! {
         (number, kind, is_shell) in (0..BRICKS.len(), 0..3_usize, any::<bool>()),
         at in prop::array::uniform3(1.0..7.0_f64),
         along in prop::array::uniform3(-1.0..1.0_f64),
-        (pixel, is_perspective) in ((-4.0..-0.5_f64).prop_map(f64::exp), any::<bool>()),
-        limit in (-8.0..2.0_f64).prop_map(f64::exp),
+        (pixel, is_perspective) in ((-9.0..-0.5_f64).prop_map(f64::exp), any::<bool>()),
+        // How often rays come through the brick, one after the other.
+        (times, thinner) in (1..5_u32, (-9.0..0.0_f64).prop_map(f64::exp)),
+        limit in (-16.0..2.0_f64).prop_map(f64::exp),
     ) {
         let along = DVec3::from_array(along).try_normalize();
         prop_assume!(along.is_some());
@@ -62,7 +71,7 @@ proptest! {
         let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&function, 0.01));
         let scene = scene("samples = 1", PICTURE, PICTURE);
         let grid = PixelGrid::new(&view(&scene), scene.render.samples);
-        let frame = frame(&grid, at, along.unwrap(), pixel, is_perspective);
+        let frame = frame(&grid, at, along.unwrap(), (pixel, WIDTH * thinner), is_perspective);
         let edge = DVec3::splat(f64::from(EDGE));
         let Some(footprint) = frame.footprint(DVec3::ZERO, edge) else { return Ok(()) };
         let part = Part { passage: setting.passage, frame, footprint };
@@ -81,20 +90,27 @@ proptest! {
         let before = tile.states.clone();
         let care = Care::Rough;
         let thinning = Thinning { pieces: &exact.all, limit, behind: 1.0 };
-        let lending = Some((thinning, tile.open_rays(&WHOLE)));
         let light = &setting.light;
-        let settings = Settings { light, grid: &grid, accounts: true, care, lending };
-        tile.draw_part(&part, &WHOLE, settings);
+        for _ in 0..times {
+            let lending = Some((thinning, tile.open_rays(&WHOLE)));
+            let settings = Settings { light, grid: &grid, accounts: true, care, lending };
+            tile.draw_part(&part, &WHOLE, settings);
+            prop_assert!(tile.served.iter().all(|bits| *bits == 0));
+        }
+        tile.settle(light);
         prop_assert!(tile.served.iter().all(|bits| *bits == 0));
         let rays: Vec<_> = tile.planes.iter().map(|(plane, _, length)| frame.ray_of(*plane, *length)).collect();
-        let brightest = exact.brightest().min(LONGEST * exact.largest_emission());
+        let longest = LONGEST * f64::from(times);
+        let brightest = exact.brightest().min(longest * exact.largest_emission());
         let truths = setting.alone(&rays);
         for (n, truth) in truths.iter().enumerate() {
             let (state, error, front) = (&tile.states[n], &tile.errors[n], before[n].transmittance);
             let bound = error.shares(state.radiance, state.opacity(), brightest, 0.0).total();
-            let opacity = 1.0 - front * truth.transmittance;
+            let through = |times: u32| front * truth.transmittance.powi(times as i32);
+            let opacity = 1.0 - through(times);
+            let seen: f64 = (0..times).map(through).sum();
             let off = (0..3)
-                .map(|c| (state.radiance[c] - front * truth.radiance[c]).abs())
+                .map(|c| (state.radiance[c] - seen * truth.radiance[c]).abs())
                 .fold((state.opacity() - opacity).abs(), f64::max);
             prop_assert!(off <= bound + 1e-9, "{n}: off {off:e}, bound {bound:e}");
         }
@@ -109,7 +125,7 @@ fn smooth_bricks_take_few_rays() {
     let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&smooth(), 0.01));
     let scene = scene("samples = 1", PICTURE, PICTURE);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
-    let frame = frame(&grid, [4.0; 3], DVec3::new(0.6, 0.64, 0.48), 1e-3, true);
+    let frame = frame(&grid, [4.0; 3], DVec3::new(0.6, 0.64, 0.48), (1e-3, WIDTH), true);
     let footprint = frame.footprint(DVec3::ZERO, DVec3::splat(f64::from(EDGE))).unwrap();
     let part = Part { passage: setting.passage, frame, footprint };
     let mut squares = Vec::new();
@@ -122,6 +138,7 @@ fn smooth_bricks_take_few_rays() {
         let (light, care) = (&setting.light, Care::Rough);
         let settings = Settings { light, grid: &grid, accounts: true, care, lending };
         let samples = tile.draw_part(&part, &WHOLE, settings);
+        tile.settle(light);
         (samples, tile.states[SIDE as usize + 1].radiance)
     };
     let (all, found) = draw(None);
@@ -129,6 +146,50 @@ fn smooth_bricks_take_few_rays() {
     assert!(few * 128 <= all, "{few} of {all}");
     assert!((found[0] - lent[0]).abs() < 1e-4 * found[0], "{found:?} {lent:?}");
     assert_eq!(draw(Some(1e-9)), (all, found));
+}
+
+#[test]
+fn what_corners_gather_in_bricks_in_a_row_adds_up() {
+    let data = TestData::new(linear);
+    let exact = TransferPieces::new(&smooth(), |_| 0.0);
+    let brick = surveyed(&data, BRICKS[0], &exact);
+    let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&smooth(), 0.01));
+    let scene = scene("samples = 1", PICTURE, PICTURE);
+    let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+    let frame = frame(&grid, [4.0; 3], DVec3::new(0.6, 0.64, 0.48), (1e-3, 0.01 * WIDTH), true);
+    let footprint = frame.footprint(DVec3::ZERO, DVec3::splat(f64::from(EDGE))).unwrap();
+    let part = Part { passage: setting.passage, frame, footprint };
+    let mut squares = Vec::new();
+    grid.first_squares(&WHOLE, &mut squares);
+    let mut tile = Tile::new(0);
+    let mut draw = |times: i32| {
+        tile.start(&grid, WHOLE, (&squares, false));
+        let thinning = Thinning { pieces: &exact.all, limit: 1.0, behind: 1.0 };
+        for _ in 0..times {
+            let lending = Some((thinning, tile.open_rays(&WHOLE)));
+            let (light, care) = (&setting.light, Care::Rough);
+            let settings = Settings { light, grid: &grid, accounts: true, care, lending };
+            tile.draw_part(&part, &WHOLE, settings);
+            assert_eq!(tile.proxies.kept.len(), CORNERS);
+            assert_eq!(tile.states[77], RayState::default());
+        }
+        tile.settle(&setting.light);
+        let (state, error) = (tile.states[77], &tile.errors[77]);
+        let bound = error.shares(state.radiance, state.opacity(), 1.0, 0.0).total();
+        (state, bound, tile.planes[77].0)
+    };
+    let ((one, bound_of_one, plane), (three, bound, _)) = (draw(1), draw(3));
+    let truth = setting.alone(&[frame.ray(plane)])[0];
+    assert!((0.97..0.999).contains(&one.transmittance));
+    for (ray, slack) in [(one, 1e-4 * one.radiance[0]), (truth, bound)] {
+        let through = |times: i32| ray.transmittance.powi(times);
+        let seen: f64 = (0..3).map(through).sum();
+        for c in 0..3 {
+            assert!((three.radiance[c] - seen * ray.radiance[c]).abs() < slack);
+        }
+        assert!((three.opacity() - (1.0 - through(3))).abs() < slack);
+    }
+    assert!(bound > 2.9 * bound_of_one && bound < 4.0 * bound_of_one);
 }
 
 #[test]
