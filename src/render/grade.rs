@@ -335,8 +335,8 @@ impl Grader<'_> {
     }
 }
 
-/// The first numbers of a row of [`super::packet::Ground::rows`], where what values make of x grows by so much a unit
-/// of it in all groups.
+/// The first numbers of a row of [`super::packet::Ground::rows`], where what values make of x grows
+/// by so much a unit of it in all groups.
 fn stored(group: &Group, slope: f64, table: &TransferTable) -> [f32; 4] {
     let most = group.storage.most();
     let [emission, extinction] = relative(group.span.slope.times(most), table);
