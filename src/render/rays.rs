@@ -80,7 +80,8 @@ impl Square {
 
     /// Half its width, pixels.
     pub fn half(&self) -> f64 {
-        (-1.0 - f64::from(self.halvings)).exp2()
+        // A power of two by its exponent.
+        f64::from_bits((1022 - u64::from(self.halvings)) << 52)
     }
 
     /// Its four quarters.
@@ -168,11 +169,6 @@ impl PixelGrid {
     /// How long the way along the ray through (P, Q) = `plane` is for each unit of depth.
     pub(super) fn length(&self, plane: DVec2) -> f64 {
         self.view.length(plane)
-    }
-
-    /// Half the square's width in P and Q.
-    pub fn half(&self, square: &Square) -> DVec2 {
-        self.pixel_size() * square.half()
     }
 
     /// Width and height in P and Q of what a pixel stands for.

@@ -45,9 +45,11 @@ pub(super) struct Tile {
     has_area: bool,
     /// The squares, pixel by pixel.
     squares: Vec<Square>,
-    /// Where their centres are on the image plane, half their width there, and how long their rays
-    /// are for each unit of depth.
-    planes: Vec<(DVec2, DVec2, f64)>,
+    /// Where their centres are on the image plane, and how long their rays are for each unit of
+    /// depth.
+    planes: Vec<(DVec2, f64)>,
+    /// A pixel's width and height on the image plane; 0 where rays stand for themselves.
+    pixel: DVec2,
     states: Vec<RayState>,
     errors: Vec<RayError>,
     /// Which squares need more: one bit each.
@@ -92,7 +94,7 @@ impl Tile {
     /// Most bytes that a tile takes, for bricks of `shape` with `blocks` blocks.
     pub(super) fn bytes(shape: BrickShape, blocks: usize, interpolation: Interpolation) -> u64 {
         let of_ray = size_of::<Square>()
-            + size_of::<(DVec2, DVec2, f64)>()
+            + size_of::<(DVec2, f64)>()
             + size_of::<RayState>()
             + size_of::<RayError>()
             + 4;
@@ -115,6 +117,7 @@ impl Tile {
             has_area: false,
             squares: Vec::with_capacity(BATCH_RAYS),
             planes: Vec::with_capacity(BATCH_RAYS),
+            pixel: DVec2::ZERO,
             states: Vec::with_capacity(BATCH_RAYS),
             errors: Vec::with_capacity(BATCH_RAYS),
             alive: Vec::with_capacity(BATCH_RAYS.div_ceil(64)),
@@ -141,10 +144,10 @@ impl Tile {
         self.squares.clear();
         self.squares.extend_from_slice(squares);
         self.planes.clear();
-        let half = |square| if has_area { grid.half(square) } else { DVec2::ZERO };
+        self.pixel = if has_area { grid.pixel_size() } else { DVec2::ZERO };
         self.planes.extend(squares.iter().map(|square| {
             let plane = grid.plane(square);
-            (plane, half(square), grid.length(plane))
+            (plane, grid.length(plane))
         }));
         self.states.clear();
         self.states.resize(squares.len(), RayState::default());
@@ -168,6 +171,11 @@ impl Tile {
         self.starts.resize(rect.count() + 1, end);
         self.clearness.forget();
         self.proxies.forget();
+    }
+
+    /// Half the width on the image plane of what a ray stands for.
+    fn half(&self, index: usize) -> DVec2 {
+        if self.has_area { self.pixel * self.squares[index].half() } else { DVec2::ZERO }
     }
 
     /// The squares in columns of `rect`, of one of its rows.
@@ -209,8 +217,8 @@ impl Tile {
     /// or 1 where there are many; 0 where there is none. `rect` lies within the tile.
     pub(super) fn needs(&self, rect: &PixelRect, footprint: &Footprint) -> f64 {
         let meeting = self.open(*rect).filter(|index| {
-            let (plane, half, _) = self.planes[*index];
-            meets(footprint, plane, half)
+            let (plane, _) = self.planes[*index];
+            meets(footprint, plane, self.half(*index))
         });
         let mut largest = 0.0_f64;
         for (seen, index) in meeting.enumerate() {
@@ -292,7 +300,7 @@ impl Tile {
             let mut at = range.start;
             while let Some(index) = self.next_alive(at..range.end) {
                 at = index + 1;
-                let (plane, half, length) = self.planes[index];
+                let ((plane, length), half) = (self.planes[index], self.half(index));
                 if !meets(footprint, plane, half) {
                     continue;
                 }

@@ -80,7 +80,7 @@ proptest! {
         let mut tile = Tile::new(0);
         tile.start(&grid, WHOLE, (&squares, false));
         // The frame's projection is not always the picture's own.
-        for (plane, _, length) in &mut tile.planes {
+        for (plane, length) in &mut tile.planes {
             *length = frame.ray(*plane).length;
         }
         // What rays have met in front of the brick differs from ray to ray.
@@ -99,7 +99,7 @@ proptest! {
         }
         tile.settle(light);
         prop_assert!(tile.served.iter().all(|bits| *bits == 0));
-        let rays: Vec<_> = tile.planes.iter().map(|(plane, _, length)| frame.ray_of(*plane, *length)).collect();
+        let rays: Vec<_> = tile.planes.iter().map(|(plane, length)| frame.ray_of(*plane, *length)).collect();
         let longest = LONGEST * f64::from(times);
         let brightest = exact.brightest().min(longest * exact.largest_emission());
         let truths = setting.alone(&rays);
