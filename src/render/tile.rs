@@ -48,7 +48,7 @@ pub(super) struct Tile {
     /// Where their centres are on the image plane, and how long their rays are for each unit of
     /// depth.
     planes: Vec<(DVec2, f64)>,
-    /// A pixel's width and height on the image plane; 0 where rays stand for themselves.
+    /// A pixel's width and height on the image plane.
     pixel: DVec2,
     states: Vec<RayState>,
     errors: Vec<RayError>,
@@ -144,7 +144,7 @@ impl Tile {
         self.squares.clear();
         self.squares.extend_from_slice(squares);
         self.planes.clear();
-        self.pixel = if has_area { grid.pixel_size() } else { DVec2::ZERO };
+        self.pixel = grid.pixel_size();
         self.planes.extend(squares.iter().map(|square| {
             let plane = grid.plane(square);
             (plane, grid.length(plane))

@@ -155,7 +155,7 @@ impl TransferTable {
             deviation.push(table.add_bin(pieces, ends, scales));
         }
         let last = channels(pieces.at(1.0), 1.0);
-        table.add_lines([1.0, 2.0, 3.0], [last; 4], scales);
+        table.add_lines([1.0, 2.0, 2.0], [last; 4], scales);
         deviation.push(Deviation::default());
         table.deviation = RunTree::new(deviation.into_iter());
         table
@@ -300,7 +300,7 @@ mod tests {
             let place = (x as f32).clamp(0.0, 1.0) * TransferTable::BINS;
             let (bin, rest) = (place as usize, place.fract());
             let mut line = table.lines[bin];
-            prop_assert_eq!(line[3].is_sign_negative(), table.corners[bin] < 1.0);
+            prop_assert_eq!(line[3].is_sign_negative(), table.corners[bin] <= 1.0);
             line[3] = line[3].abs();
             if table.corners[bin] <= rest {
                 line = table.behind[bin];

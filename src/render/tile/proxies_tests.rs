@@ -117,6 +117,15 @@ proptest! {
     }
 }
 
+/// A brick of cells of a `width`, a thousand pixels each, and the tile's rays.
+fn zoomed<'s>(grid: &PixelGrid, setting: &Setting<'s>, width: f64) -> (Part<'s>, Vec<Square>) {
+    let frame = frame(grid, [4.0; 3], DVec3::new(0.6, 0.64, 0.48), (1e-3, width), true);
+    let footprint = frame.footprint(DVec3::ZERO, DVec3::splat(f64::from(EDGE))).unwrap();
+    let mut squares = Vec::new();
+    grid.first_squares(&WHOLE, &mut squares);
+    (Part { passage: setting.passage, frame, footprint }, squares)
+}
+
 #[test]
 fn smooth_bricks_take_few_rays() {
     let data = TestData::new(linear);
@@ -125,11 +134,7 @@ fn smooth_bricks_take_few_rays() {
     let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&smooth(), 0.01));
     let scene = scene("samples = 1", PICTURE, PICTURE);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
-    let frame = frame(&grid, [4.0; 3], DVec3::new(0.6, 0.64, 0.48), (1e-3, WIDTH), true);
-    let footprint = frame.footprint(DVec3::ZERO, DVec3::splat(f64::from(EDGE))).unwrap();
-    let part = Part { passage: setting.passage, frame, footprint };
-    let mut squares = Vec::new();
-    grid.first_squares(&WHOLE, &mut squares);
+    let (part, squares) = zoomed(&grid, &setting, WIDTH);
     let draw = |limit: Option<f64>| {
         let mut tile = Tile::new(0);
         tile.start(&grid, WHOLE, (&squares, false));
@@ -156,11 +161,7 @@ fn what_corners_gather_in_bricks_in_a_row_adds_up() {
     let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&smooth(), 0.01));
     let scene = scene("samples = 1", PICTURE, PICTURE);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
-    let frame = frame(&grid, [4.0; 3], DVec3::new(0.6, 0.64, 0.48), (1e-3, 0.01 * WIDTH), true);
-    let footprint = frame.footprint(DVec3::ZERO, DVec3::splat(f64::from(EDGE))).unwrap();
-    let part = Part { passage: setting.passage, frame, footprint };
-    let mut squares = Vec::new();
-    grid.first_squares(&WHOLE, &mut squares);
+    let (part, squares) = zoomed(&grid, &setting, 0.01 * WIDTH);
     let mut tile = Tile::new(0);
     let mut draw = |times: i32| {
         tile.start(&grid, WHOLE, (&squares, false));
@@ -179,7 +180,7 @@ fn what_corners_gather_in_bricks_in_a_row_adds_up() {
         (state, bound, tile.planes[77].0)
     };
     let ((one, bound_of_one, plane), (three, bound, _)) = (draw(1), draw(3));
-    let truth = setting.alone(&[frame.ray(plane)])[0];
+    let truth = setting.alone(&[part.frame.ray(plane)])[0];
     assert!((0.97..0.999).contains(&one.transmittance));
     for (ray, slack) in [(one, 1e-4 * one.radiance[0]), (truth, bound)] {
         let through = |times: i32| ray.transmittance.powi(times);
