@@ -11,7 +11,7 @@ use super::grade::Care;
 use super::picture::Method;
 use super::pixel::Pixel;
 use super::ray_error::ErrorShares;
-use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
+use super::rays::{BATCH_RAYS, PixelGrid, PixelOrder, PixelRect, Square};
 use super::waiting::{Found, GROUP_PIXELS, ToDo, Waiting};
 
 /// The part of a pixel's error that may come from levels, of what levels and area may be off by.
@@ -53,8 +53,7 @@ struct Chosen {
 #[derive(Default)]
 pub(super) struct Sheet {
     pixels: Vec<Pixel>,
-    /// Pixels of a row.
-    width: usize,
+    order: PixelOrder,
     finished: Vec<[f32; 4]>,
     first: Option<Batch>,
     waiting: Waiting,
@@ -81,7 +80,7 @@ impl Sheet {
     pub(super) fn start(&mut self, grid: &PixelGrid, rect: PixelRect, method: &Method) {
         self.pixels.clear();
         self.pixels.resize(rect.count(), Pixel::default());
-        self.width = rect.columns().len();
+        self.order = PixelOrder::of(&rect);
         let mut squares = Vec::new();
         grid.first_squares(&rect, &mut squares);
         let cut = match method {
@@ -316,7 +315,12 @@ impl Sheet {
     /// The tile's pixels, row by row: R, G, B, A.
     pub(super) fn pixels(&mut self) -> &[[f32; 4]] {
         self.finished.clear();
-        self.finished.extend(self.pixels.iter().map(|p| p.value.map(|channel| channel as f32)));
+        self.finished.resize(self.pixels.len(), [0.0; 4]);
+        for (number, pixel) in self.pixels.iter().enumerate() {
+            let [x, y] = self.order.place(number);
+            let place = (y * self.order.width() + x) as usize;
+            self.finished[place] = pixel.value.map(|channel| channel as f32);
+        }
         &self.finished
     }
 }

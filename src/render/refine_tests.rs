@@ -162,7 +162,8 @@ fn draw_light(
         sheet.judge(&grid, &batch, batch.squares.iter().map(outcome));
     }
     for (n, pixel) in sheet.pixels.iter().enumerate() {
-        check(n % width as usize, n / width as usize, pixel);
+        let [x, y] = sheet.order.place(n).map(|n| n as usize);
+        check(x, y, pixel);
     }
     (rays, sheet.error())
 }

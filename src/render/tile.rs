@@ -6,6 +6,7 @@ mod open;
 mod proxies;
 
 use std::iter::from_fn;
+use std::ops::Range;
 
 use glam::{DVec2, DVec3};
 
@@ -20,7 +21,7 @@ use super::march_packets::{Accounts, Packets, Passenger, Rays};
 use super::margin::{Part, parts};
 use super::ray_error::{Change, RayError};
 use super::ray_state::RayState;
-use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square, TILE_SIDE};
+use super::rays::{BATCH_RAYS, PixelGrid, PixelOrder, PixelRect, Square, TILE_SIDE};
 use super::scaled::ScaledBrick;
 use super::thin::{FEWEST_RAYS, Thinner};
 use super::transfer_pieces::PieceList;
@@ -178,16 +179,21 @@ impl Tile {
         if self.has_area { self.pixel * self.squares[index].half() } else { DVec2::ZERO }
     }
 
-    /// The squares in columns of `rect`, of one of its rows.
-    fn row(&self, rect: &PixelRect, row: u32) -> std::ops::Range<usize> {
-        let width = self.rect.hi[0] - self.rect.lo[0];
-        let pixel = |x: u32| ((row - self.rect.lo[1]) * width + (x - self.rect.lo[0])) as usize;
-        let start = |pixel: usize| usize::from(self.starts[pixel]);
-        start(pixel(rect.lo[0]))..start(pixel(rect.hi[0]))
+    /// The numbers, strip by strip, of the pixels in all blocks that have some in `rect`, which lies
+    /// within the tile.
+    fn strips(&self, rect: &PixelRect) -> impl Iterator<Item = Range<usize>> + use<> {
+        let within = |a: usize| rect.lo[a] - self.rect.lo[a]..rect.hi[a] - self.rect.lo[a];
+        let [columns, rows] = if rect.is_empty() { [0..0, 0..0] } else { [within(0), within(1)] };
+        PixelOrder::of(&self.rect).strips(columns, rows)
+    }
+
+    /// The squares of pixels with such numbers.
+    fn squares_of(&self, pixels: &Range<usize>) -> Range<usize> {
+        usize::from(self.starts[pixels.start])..usize::from(self.starts[pixels.end])
     }
 
     /// The first square of `range` that needs more, of the brick in hand as well.
-    fn next_alive(&self, range: std::ops::Range<usize>) -> Option<usize> {
+    fn next_alive(&self, range: Range<usize>) -> Option<usize> {
         let mut at = range.start;
         while at < range.end {
             let rest = (self.alive[at / 64] & !self.served[at / 64]) >> (at % 64);
@@ -202,15 +208,16 @@ impl Tile {
 
     /// The squares in `rect`, which lies within the tile, whose rays need more.
     fn open(&self, rect: PixelRect) -> impl Iterator<Item = usize> + '_ {
-        rect.rows().flat_map(move |row| {
-            let range = self.row(&rect, row);
+        let near = self.strips(&rect).flat_map(move |strip| {
+            let range = self.squares_of(&strip);
             let mut at = range.start;
             from_fn(move || {
                 let found = self.next_alive(at..range.end)?;
                 at = found + 1;
                 Some(found)
             })
-        })
+        });
+        near.filter(move |index| rect.holds(self.squares[*index].centre))
     }
 
     /// The largest transmittance of rays in `rect` that meet what has this footprint and need more,
@@ -295,8 +302,8 @@ impl Tile {
         }
         let covered = grid.covered(footprint);
         let alone = if accounts { Accounts::Alone(frame.depth) } else { Accounts::None };
-        for row in pixels.rows() {
-            let range = self.row(pixels, row);
+        for strip in self.strips(pixels) {
+            let range = self.squares_of(&strip);
             let mut at = range.start;
             while let Some(index) = self.next_alive(at..range.end) {
                 at = index + 1;

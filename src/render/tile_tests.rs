@@ -22,13 +22,17 @@ fn rays_are_needed_until_they_are_done() {
     tile.start(&grid, whole, (&squares, false));
     assert_eq!(tile.needs(&rect([64, 65], [64, 65]), &ALL), 1.0);
     assert_eq!(tile.needs(&rect([127, 128], [69, 70]), &ALL), 1.0);
-    tile.alive[2] = 1 << 63;
-    tile.states[2 * 64 + 63].transmittance = 0.25;
+    // The strip of the first four rows; of the last pixel of its third row.
+    let number = PixelOrder::of(&whole).number([63, 2]).unwrap();
+    tile.alive[..4].fill(0);
+    tile.alive[number / 64] = 1 << (number % 64);
+    tile.states[number].transmittance = 0.25;
     assert_eq!(tile.needs(&rect([100, 128], [66, 67]), &ALL), 0.25);
     assert_eq!(tile.needs(&rect([64, 127], [66, 67]), &ALL), 0.0);
-    assert_eq!(tile.needs(&rect([64, 127], [65, 67]), &ALL), 1.0);
+    assert_eq!(tile.needs(&rect([64, 127], [66, 69]), &ALL), 1.0);
     // What lies between the rays of four pixels.
-    let [first, last] = [0, 65].map(|index| tile.planes[index].0);
+    tile.start(&grid, whole, (&squares, false));
+    let [first, last] = [0, 5].map(|index| tile.planes[index].0);
     let middle = first.midpoint(last);
     let between = |by: f64| {
         let reach = (last - first).abs() * by;
@@ -37,9 +41,10 @@ fn rays_are_needed_until_they_are_done() {
     let four = rect([64, 66], [64, 66]);
     assert_eq!(tile.needs(&four, &between(0.49)), 0.0);
     assert_eq!(tile.needs(&four, &between(0.51)), 1.0);
-    squares.retain(|square| square.pixel % 64 == 5);
+    squares.retain(|square| square.centre[0].floor() == 69.0);
     tile.start(&grid, whole, (&squares, false));
     assert_eq!(tile.needs(&rect([64, 69], [64, 70]), &ALL), 0.0);
-    assert_eq!(tile.row(&rect([64, 128], [66, 67]), 66), 2..3);
+    let strips: Vec<_> = tile.strips(&rect([64, 128], [66, 69])).collect();
+    assert_eq!(strips.iter().map(|strip| tile.squares_of(strip)).collect::<Vec<_>>(), [0..4, 4..6]);
     assert_eq!(tile.needs(&rect([69, 70], [69, 70]), &ALL), 1.0);
 }

@@ -69,12 +69,11 @@ impl Sheet {
 
     /// What a pixel and those beside it have as their first variance on average.
     pub(super) fn variance_around(&self, pixel: usize) -> f64 {
-        let [x, y] = [pixel % self.width, pixel / self.width];
-        let rows = y.saturating_sub(1)..=y + 1;
-        let columns = x.saturating_sub(1)..=(x + 1).min(self.width - 1);
+        let [x, y] = self.order.place(pixel);
+        let [columns, rows] = [x, y].map(|n| n.saturating_sub(1)..=n + 1);
         let around = rows.flat_map(|y| columns.clone().map(move |x| [x, y]));
         let known = around
-            .filter_map(|[x, y]| self.pixels.get(y * self.width + x))
+            .filter_map(|place| self.pixels.get(self.order.number(place)?))
             .filter_map(Pixel::first_variance);
         let (count, sum) = known.fold((0.0, 0.0), |(n, sum), variance| (n + 1.0, sum + variance));
         if count > 0.0 { sum / count } else { 0.0 }

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::super::rays::{PixelRect, TILE_SIDE};
+use super::super::rays::{BLOCK, PixelRect, TILE_SIDE};
 use super::Tile;
 
 /// Rays that need more of a brick: how many, and a bound of their transmittances.
@@ -12,13 +12,13 @@ pub(super) struct Open {
     pub(super) transmittance: f64,
 }
 
-/// Bricks for which the transmittances of rows are looked up once. They only fall, so they hold on.
+/// Bricks for which the transmittances of strips are looked up once. They only fall, so they hold on.
 const LASTING: u32 = 8;
 
-/// The largest transmittance of the rays in each of a tile's rows of pixels, a few bricks ago.
+/// The largest transmittance of the rays in each strip of a tile's pixels, a few bricks ago.
 #[derive(Debug, Default)]
 pub(super) struct Clearness {
-    rows: Vec<f64>,
+    strips: Vec<f64>,
     asked: u32,
 }
 
@@ -27,7 +27,7 @@ impl Clearness {
     pub(super) const BYTES: usize = TILE_SIDE as usize * size_of::<f64>();
 
     pub(super) fn new() -> Self {
-        Self { rows: Vec::with_capacity(TILE_SIDE as usize), asked: 0 }
+        Self { strips: Vec::with_capacity(TILE_SIDE as usize), asked: 0 }
     }
 
     /// Other rays set off.
@@ -38,17 +38,17 @@ impl Clearness {
 
 impl Tile {
     /// The rays in `rect`, which lies within the tile, that need more of a brick that none has been
-    /// marched through.
+    /// marched through; all that do of a block of pixels that has some in it.
     pub(super) fn open_rays(&mut self, rect: &PixelRect) -> Open {
         if self.clearness.asked.is_multiple_of(LASTING) {
             self.look_through();
         }
         self.clearness.asked = self.clearness.asked.wrapping_add(1);
         let mut open = Open::default();
-        for row in rect.rows() {
-            let count = self.count_alive(self.row(rect, row));
-            let clearness = self.clearness.rows.get((row - self.rect.lo[1]) as usize);
-            if let Some(clearness) = clearness.filter(|_| count > 0) {
+        let first = ((rect.lo[1] - self.rect.lo[1]) / BLOCK) as usize;
+        for (strip, clearness) in self.strips(rect).zip(self.clearness.strips.iter().skip(first)) {
+            let count = self.count_alive(self.squares_of(&strip));
+            if count > 0 {
                 open.count += count;
                 open.transmittance = open.transmittance.max(*clearness);
             }
@@ -57,14 +57,13 @@ impl Tile {
     }
 
     fn look_through(&mut self) {
-        let mut rows = std::mem::take(&mut self.clearness.rows);
-        rows.clear();
-        rows.extend(self.rect.rows().map(|row| {
-            let row = PixelRect { lo: [self.rect.lo[0], row], hi: [self.rect.hi[0], row + 1] };
-            let largest = |most: f64, ray: usize| most.max(self.states[ray].transmittance);
-            self.open(row).fold(0.0, largest)
+        let mut strips = std::mem::take(&mut self.clearness.strips);
+        strips.clear();
+        strips.extend(self.strips(&self.rect).map(|strip| {
+            let states = &self.states[self.squares_of(&strip)];
+            states.iter().fold(0.0, |most: f64, state| most.max(state.transmittance))
         }));
-        self.clearness.rows = rows;
+        self.clearness.strips = strips;
     }
 
     fn count_alive(&self, range: Range<usize>) -> usize {
@@ -83,7 +82,7 @@ impl Tile {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::super::rays::Square;
+    use super::super::super::rays::{PixelOrder, Square};
     use super::*;
 
     proptest! {
@@ -106,15 +105,21 @@ mod tests {
             }
             tile.served.resize(tile.alive.len(), 0);
             tile.starts = (0..=count).map(|n| u16::try_from(n).unwrap()).collect();
-            let square = Square { centre: [0.0; 2], pixel: 0, halvings: 0 };
-            tile.squares.resize(count, square);
+            let order = PixelOrder::of(&rect);
+            tile.squares.extend((0..count).map(|number| {
+                let [x, y] = order.place(number).map(|n| f64::from(n) + 0.5);
+                Square { centre: [x + 128.0, y + 64.0], pixel: 0, halvings: 0 }
+            }));
             for (lo, size, ray, ends) in steps {
                 let lo: [u32; 2] = std::array::from_fn(|a| rect.lo[a] + lo[a] % [width, height][a]);
                 let hi = std::array::from_fn(|a| (lo[a] + size[a]).min(rect.hi[a]));
                 let part = PixelRect { lo, hi };
                 let found = tile.open_rays(&part);
                 let rays: Vec<_> = tile.open(part).collect();
-                prop_assert_eq!(found.count, rays.len());
+                prop_assert!(found.count >= rays.len());
+                let near = tile.strips(&part).flatten();
+                let near = near.filter(|ray| tile.alive[ray / 64] >> (ray % 64) & 1 == 1);
+                prop_assert_eq!(found.count, near.count());
                 for ray in rays {
                     prop_assert!(tile.states[ray].transmittance <= found.transmittance);
                 }

@@ -324,12 +324,15 @@ impl Tile {
         let part = block.intersection(pixels);
         let width = f64::from(block.hi[0] - block.lo[0]);
         let (mut ends, mut at_v) = ([Gathered::default(); 2], f64::NAN);
-        for row in part.rows() {
-            let range = self.row(&part, row);
+        for strip in self.strips(&part) {
+            let range = self.squares_of(&strip);
             let mut at = range.start;
             while let Some(index) = self.next_alive(at..range.end) {
                 at = index + 1;
                 let centre = self.squares[index].centre;
+                if !part.holds(centre) {
+                    continue;
+                }
                 let [u, v] = std::array::from_fn(|a| (centre[a] - f64::from(block.lo[a])) / width);
                 if v != at_v {
                     (ends, at_v) = (self.proxies.row(corners, v), v);
