@@ -20,8 +20,7 @@ pub(super) struct Goal {
     pub(super) rays_per_pixel: u64,
     /// The same with rays that stand for themselves.
     pub(super) alone_per_pixel: u64,
-    /// Whether there is a prospect of the tolerance for all pixels' bounds, so that rays are spent
-    /// on these.
+    /// Whether all pixels' bounds are to come within the tolerance, so that rays are spent on these.
     pub(super) certifies: bool,
     /// The power of the number of rays that bounds fall with, until a group of pixels knows its own.
     pub(super) power: f64,
@@ -56,4 +55,6 @@ pub(super) struct TileError {
     /// pixels need on average if they go on so.
     pub(super) power: f64,
     pub(super) rays_needed: f64,
+    /// The part of pixels that need more than any may take.
+    pub(super) beyond: f64,
 }

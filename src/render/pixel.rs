@@ -113,6 +113,16 @@ impl Pixel {
         alone.own.add(weight * own(shares));
     }
 
+    /// Takes the whole of it, which was left, by its centre's ray: its neighbours tell how it varies, and
+    /// have been off by so much elsewhere.
+    pub(super) fn take_as_foretold(&mut self, found: &Found, foretold: &Unevenness, doubt: f64) {
+        let alone = &mut self.alone;
+        alone.unknown = alone.unknown.saturating_sub(1);
+        alone.count(foretold, 1.0, 1.0);
+        alone.own.add(own(&found.shares) + doubt);
+        self.draw(found, 1.0);
+    }
+
     /// The variance that its first four rays told.
     pub(super) fn first_variance(&self) -> Option<f64> {
         self.alone.first
@@ -184,9 +194,9 @@ impl Alone {
 }
 
 impl Unevenness {
-    /// Of the quarters of a square, from its centre's ray and theirs.
-    pub(super) fn of(whole: &Found, quarters: [&[f64; 4]; 4]) -> Self {
-        let (whole, before) = (&whole.value, whole.uneven.map_or(0.0, |uneven| uneven.spread));
+    /// Of the quarters of a square, from its centre's ray and theirs, where so much was known `before`.
+    pub(super) fn of(whole: &[f64; 4], before: Option<Self>, quarters: [&[f64; 4]; 4]) -> Self {
+        let before = before.map_or(0.0, |uneven| uneven.spread);
         let channel = |n: usize| {
             let [a, b, c, d] = quarters.map(|quarter| quarter[n]);
             (0.25 * ((a - b) - (c - d)), 0.25 * (a + b + c + d) - whole[n])
@@ -203,6 +213,42 @@ impl Unevenness {
             spread: spread.max(LEAST_LEFT * before),
             bend: std::array::from_fn(|n| (channel(n).1 / 3.0) as f32),
         }
+    }
+
+    /// Of a pixel, from its centre's ray and those of the eight around it, row by row: of the quadratic
+    /// that is nearest to all of them, and what is left beside it. Rows of 1, 1, 1, of −1, 0, 1 and of
+    /// 1, −2, 1 and their products are orthogonal, and the three of these that are no quadratics tell
+    /// what is left.
+    pub(super) fn around(values: &[[f64; 4]; 9]) -> Self {
+        const ROWS: [[f64; 3]; 3] = [[1.0, 1.0, 1.0], [-1.0, 0.0, 1.0], [1.0, -2.0, 1.0]];
+        const SQUARES: [f64; 3] = [3.0, 2.0, 6.0];
+        // The sum of squares of what a product of rows leaves, and the product itself.
+        let product = |c: usize, [x, y]: [usize; 2]| {
+            (0..9).map(|n| ROWS[x][n % 3] * ROWS[y][n / 3] * values[n][c]).sum::<f64>()
+        };
+        let left =
+            |c: usize, [x, y]: [usize; 2]| product(c, [x, y]).powi(2) / (SQUARES[x] * SQUARES[y]);
+        let variance = |c: usize| (left(c, [1, 2]) + left(c, [2, 1]) + left(c, [2, 2])) / 3.0;
+        // The mean of x² over a pixel is 1/12, and its second difference 2; in three rows.
+        let bend = |c: usize| (product(c, [2, 0]) + product(c, [0, 2])) / (3.0 * 2.0 * 12.0);
+        Self {
+            spread: (0..4).map(variance).fold(0.0, f64::max).sqrt() as f32,
+            bend: std::array::from_fn(|c| bend(c) as f32),
+        }
+    }
+
+    /// What a ray may be off by in all likelihood, beside what bends alike.
+    pub(super) fn likely(&self) -> f64 {
+        DEVIATIONS * self.spread()
+    }
+
+    /// By how much a mean exceeds its centre's ray in a channel, and at most in any.
+    pub(super) fn bend(&self, c: usize) -> f64 {
+        f64::from(self.bend[c])
+    }
+
+    pub(super) fn most_bend(&self) -> f64 {
+        (0..4).map(|c| self.bend(c).abs()).fold(0.0, f64::max)
     }
 
     /// The standard deviation of a square's rays.
@@ -234,7 +280,7 @@ mod tests {
 
     fn uneven(of: impl Fn([f64; 2]) -> f64 + Copy) -> Unevenness {
         let quarters = whole().quarters().map(|quarter| found(quarter, of));
-        Unevenness::of(&found(whole(), of), std::array::from_fn(|n| &quarters[n].value))
+        Unevenness::of(&found(whole(), of).value, None, std::array::from_fn(|n| &quarters[n].value))
     }
 
     #[test]
@@ -258,8 +304,7 @@ mod tests {
             .map(|n| {
                 let values: [[f64; 4]; 5] = std::array::from_fn(|k| [hash(5 * n + k as u64); 4]);
                 let quarters = std::array::from_fn(|k| &values[k + 1]);
-                let whole = Found { value: values[0], ..found(whole(), |_| 0.0) };
-                f64::from(Unevenness::of(&whole, quarters).spread).powi(2)
+                f64::from(Unevenness::of(&values[0], None, quarters).spread).powi(2)
             })
             .sum::<f64>()
             / count as f64;

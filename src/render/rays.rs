@@ -88,6 +88,11 @@ impl PixelOrder {
         self.width
     }
 
+    /// Number of rows.
+    pub(super) fn height(&self) -> u32 {
+        self.height
+    }
+
     /// Rows of the strip with row `y`.
     fn rows(&self, y: u32) -> u32 {
         BLOCK.min(self.height - y / BLOCK * BLOCK)

@@ -2,8 +2,10 @@
 //! more than the goal; where no number of rays would do for that, until none is by all likelihood.
 
 mod alone;
+mod neighbours;
 mod prospect;
 
+use self::neighbours::First;
 use self::prospect::{GroupInHand, power};
 use super::cut::Cut;
 use super::goal::{Goal, TileError};
@@ -12,7 +14,7 @@ use super::picture::Method;
 use super::pixel::Pixel;
 use super::ray_error::ErrorShares;
 use super::rays::{BATCH_RAYS, PixelGrid, PixelOrder, PixelRect, Square};
-use super::waiting::{Found, GROUP_PIXELS, ToDo, Waiting};
+use super::waiting::{Found, GROUP_PIXELS, ToDo, Urgency, Waiting};
 
 /// The part of a pixel's error that may come from levels, of what levels and area may be off by.
 const LEVELS_SHARE: f64 = 0.5;
@@ -64,6 +66,10 @@ pub(super) struct Sheet {
     /// What squares that were quartered might be off by, and what their quarters may.
     fallen: [f64; 2],
     group: Option<GroupInHand>,
+    /// What the first ray of each pixel has found; and by how much, in each block of pixels, a mean
+    /// has differed from what neighbours foretold.
+    firsts: Vec<First>,
+    doubts: Vec<f64>,
 }
 
 impl Sheet {
@@ -72,6 +78,7 @@ impl Sheet {
     pub(super) const BYTES: u64 = Waiting::BYTES
         + (BATCH_RAYS
             * (size_of::<Pixel>()
+                + size_of::<First>()
                 + size_of::<[f32; 4]>()
                 + 2 * size_of::<Square>()
                 + 4 * size_of::<Found>())) as u64;
@@ -96,6 +103,10 @@ impl Sheet {
         (self.rays, self.alone) = (0, 0);
         self.fallen = [0.0; 2];
         self.group = None;
+        self.firsts.clear();
+        self.firsts.resize(rect.count(), First::default());
+        self.doubts.clear();
+        self.doubts.resize(rect.count(), 0.0);
         self.waiting.clear();
         let has_area = grid.has_area();
         let (again, wholes) = Default::default();
@@ -117,7 +128,9 @@ impl Sheet {
         while let Some((group, mut found, to_do)) = self.waiting.pop() {
             found.sort_by_key(|found| found.square.pixel);
             let Chosen { again, wholes } = if to_do.alone {
-                Chosen { again: Vec::new(), wholes: self.still_unsure(grid, group, found) }
+                let mut wholes = self.still_unsure(grid, found);
+                self.add_wholes(grid, &mut wholes, &to_do);
+                Chosen { again: Vec::new(), wholes }
             } else {
                 self.settle(grid, (group, &found), !to_do.quartered);
                 self.still_bad(grid, group, &found, &to_do)
@@ -151,7 +164,10 @@ impl Sheet {
                 let bound = movable(&found.shares, to_do.before);
                 let harm = grid.weight(&found.square) * bound;
                 let stands_out = |median| match found.square.halvings {
-                    0 => harm > median,
+                    0 => {
+                        let pixel = usize::from(found.square.pixel);
+                        harm > median && (self.may_shine(bound) || self.stands_out(pixel, bound))
+                    }
                     _ => harm > SMALL_HARM * median,
                 };
                 let again = !to_do.quartered && (scouts.is_none() || self.may_shine(bound));
@@ -215,6 +231,9 @@ impl Sheet {
         let mut outcome: Vec<_> = outcome.collect();
         let mut next = Next::default();
         let alone = grid.has_area() && !batch.has_area;
+        if !alone && grid.has_area() {
+            self.note(batch, &outcome);
+        }
         if !alone {
             batch.hand_down(self.goal.map_or(0.0, |goal| goal.tolerance), &mut outcome);
         }
@@ -282,10 +301,13 @@ impl Sheet {
     /// Lets squares wait; there need not be room for all.
     fn wait(&mut self, grid: &PixelGrid, squares: &[Found], to_do: &ToDo) {
         for found in squares {
-            let harms = grid.has_area().then(|| grid.weight(&found.square));
+            let harm = grid.weight(&found.square) * found.shares.total();
+            let group = usize::from(found.square.pixel) / GROUP_PIXELS;
+            let urgency =
+                if grid.has_area() { Urgency::new(group, harm) } else { Urgency::default() };
             if to_do.alone {
                 self.wait_alone(grid, found, to_do);
-            } else if !self.waiting.push(*found, harms, to_do) {
+            } else if !self.waiting.push(*found, urgency, to_do) {
                 self.conclude(grid, found, to_do);
             }
         }
@@ -295,9 +317,8 @@ impl Sheet {
     pub(super) fn error(&self) -> TileError {
         let tolerance = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
         let power = power(self.fallen).unwrap_or(1.0);
-        let taken = self.rays as f64 / self.pixels.len() as f64;
         let mut error = TileError { power, ..TileError::default() };
-        for pixel in &self.pixels {
+        for (n, pixel) in self.pixels.iter().enumerate() {
             let shares = pixel.bound();
             let total = shares.total();
             if error.shares.total() < total {
@@ -306,8 +327,9 @@ impl Sheet {
             let likely = if total > tolerance { pixel.estimate() } else { total };
             error.estimate = error.estimate.max(likely);
             let times = (shares.pixel_area / tolerance).powf(power.recip());
-            let rays = (taken * times).clamp(1.0, MOST_NEEDED);
-            error.rays_needed += rays / self.pixels.len() as f64;
+            let (rays, part) = (self.marched(n) * times, (self.pixels.len() as f64).recip());
+            error.rays_needed += rays.clamp(1.0, MOST_NEEDED) * part;
+            error.beyond += if rays > MOST_NEEDED { part } else { 0.0 };
         }
         error
     }

@@ -65,6 +65,10 @@ const EXACT: f64 = 1e-6;
 const MOST_RAYS: u64 = 16_000_000;
 const MOST_RAYS_PER_PIXEL: u64 = 64;
 const FEWEST_RAYS_PER_PIXEL: u64 = 8;
+/// Rays of a pixel, on average, that a bound within the tolerance is worth; and how many times as many
+/// a tile may take that needs more than others.
+const WORTHWHILE: f64 = 8.0;
+const UNEVEN: u64 = 4;
 /// The same where they stand for themselves.
 const MOST_ALONE: u64 = 32_000_000;
 const MOST_ALONE_PER_PIXEL: u64 = 256;
@@ -140,7 +144,10 @@ impl<'s> Studio<'s> {
         let pieces = self.pieces(&transfer);
         if pixels.has_area() && !is_exact {
             let outlook = self.outlook(&goal, (&transfer, pieces))?;
-            goal.certifies = outlook.rays_needed <= goal.rays_per_pixel as f64;
+            goal.certifies = outlook.beyond == 0.0 && outlook.rays_needed <= WORTHWHILE;
+            if goal.certifies {
+                goal.rays_per_pixel *= UNEVEN;
+            }
             goal.power = outlook.power;
         }
         let cut = goal.first_cut();
@@ -378,6 +385,7 @@ fn worst(errors: &[TileError]) -> TileError {
         estimate: most.estimate.max(error.estimate),
         power: most.power.max(error.power),
         rays_needed: most.rays_needed.max(error.rays_needed),
+        beyond: most.beyond.max(error.beyond),
     })
 }
 

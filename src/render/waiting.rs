@@ -41,13 +41,26 @@ pub(super) struct ToDo {
     pub(super) alone: bool,
 }
 
+/// When squares' turn comes: those of lower groups first, and of these such as do most harm.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Urgency {
+    group: usize,
+    harm: i32,
+}
+
+impl Urgency {
+    /// Of squares that may add so much to their pixels' errors; that is told apart in powers of four.
+    pub(super) fn new(group: usize, error: f64) -> Self {
+        let harm = if error.is_finite() { (0.5 * error.log2()).floor() as i32 } else { i32::MAX };
+        Self { group, harm }
+    }
+}
+
 /// Squares alike in what is to be done with them and in the harm that they do.
 struct Alike {
     found: Vec<Found>,
     to_do: ToDo,
-    /// Which [`GROUP_PIXELS`] they belong to, and what they may add to these pixels' errors.
-    group: usize,
-    harm: i32,
+    urgency: Urgency,
 }
 
 /// All squares of a tile that wait.
@@ -71,56 +84,68 @@ impl Waiting {
     /// Takes those out of the first group of pixels that harm these most; the group's number with
     /// them.
     pub(super) fn pop(&mut self) -> Option<(usize, Vec<Found>, ToDo)> {
-        let urgency = |alike: &Alike| (Reverse(alike.group), alike.harm);
-        let number = (0..self.alike.len()).max_by_key(|n| urgency(&self.alike[*n]))?;
-        let Alike { found, to_do, group, .. } = self.alike.swap_remove(number);
-        self.count -= found.len();
-        if to_do.alone {
-            self.alone -= found.len();
-        }
-        Some((group, found, to_do))
+        let number = self.next()?;
+        let Alike { found, to_do, urgency } = self.take(number);
+        Some((urgency.group, found, to_do))
     }
 
-    /// Takes those out that do least harm among those for rays that stand for themselves.
+    /// The same, if these are to be dealt with as `to_do` says and are all of one kind.
+    pub(super) fn pop_like(
+        &mut self,
+        to_do: &ToDo,
+        is_like: impl Fn(&Found) -> bool,
+    ) -> Option<Vec<Found>> {
+        let number = self.next()?;
+        let next = &self.alike[number];
+        let is_like = next.to_do == *to_do && next.found.iter().all(is_like);
+        is_like.then(|| self.take(number).found)
+    }
+
+    /// Whose turn it is.
+    fn next(&self) -> Option<usize> {
+        let order = |number: &usize| {
+            let Urgency { group, harm } = self.alike[*number].urgency;
+            (Reverse(group), harm)
+        };
+        (0..self.alike.len()).max_by_key(order)
+    }
+
+    fn take(&mut self, number: usize) -> Alike {
+        let alike = self.alike.swap_remove(number);
+        self.count -= alike.found.len();
+        if alike.to_do.alone {
+            self.alone -= alike.found.len();
+        }
+        alike
+    }
+
+    /// Takes those out that do least harm among those for rays that stand for themselves, of the first
+    /// group: that is in hand, and others are not to make up for what it takes.
     pub(super) fn pop_least_alone(&mut self) -> Vec<Found> {
         let alone = (0..self.alike.len()).filter(|n| self.alike[*n].to_do.alone);
-        let least = alone.min_by_key(|n| (self.alike[*n].harm, Reverse(self.alike[*n].group)));
-        let Some(number) = least else { return Vec::new() };
-        let found = self.alike.swap_remove(number).found;
-        self.count -= found.len();
-        self.alone -= found.len();
-        found
+        let order = |number: &usize| {
+            let Urgency { group, harm } = self.alike[*number].urgency;
+            (group, harm)
+        };
+        alone.min_by_key(order).map_or(Vec::new(), |number| self.take(number).found)
     }
 
     /// What waits of a group of pixels.
     pub(super) fn of_group(&self, group: usize) -> impl Iterator<Item = &Found> {
-        self.alike.iter().filter(move |alike| alike.group == group).flat_map(|alike| &alike.found)
+        let of_group = self.alike.iter().filter(move |alike| alike.urgency.group == group);
+        of_group.flat_map(|alike| &alike.found)
     }
 
-    /// Adds what stands for `weight` of its pixel, none: whatever it stands for, all alike; false
-    /// where there is no room.
-    pub(super) fn push(&mut self, found: Found, weight: Option<f64>, to_do: &ToDo) -> bool {
+    /// Adds a square; false where there is no room.
+    pub(super) fn push(&mut self, found: Found, urgency: Urgency, to_do: &ToDo) -> bool {
         if self.count >= MOST_WAITING || (to_do.alone && self.alone >= MOST_ALONE) {
             return false;
         }
         self.count += 1;
         self.alone += usize::from(to_do.alone);
-        let harmful = match found.uneven {
-            _ if !to_do.alone => found.shares.total(),
-            Some(uneven) => uneven.spread(),
-            None => f64::INFINITY,
-        };
-        let (group, harm) = match weight {
-            Some(weight) => {
-                (usize::from(found.square.pixel) / GROUP_PIXELS, harm(weight * harmful))
-            }
-            None => (0, 0),
-        };
         let most = if to_do.quartered { BATCH_RAYS / 4 } else { BATCH_RAYS };
         let is_alike = |alike: &&mut Alike| {
-            (alike.group, alike.harm) == (group, harm)
-                && alike.to_do == *to_do
-                && alike.found.len() < most
+            alike.urgency == urgency && alike.to_do == *to_do && alike.found.len() < most
         };
         match self.alike.iter_mut().find(is_alike) {
             Some(Alike { found: others, .. }) => {
@@ -131,16 +156,11 @@ impl Waiting {
             }
             None => {
                 let (found, to_do) = (vec![found], to_do.clone());
-                self.alike.push(Alike { found, to_do, group, harm });
+                self.alike.push(Alike { found, to_do, urgency });
             }
         }
         true
     }
-}
-
-/// Orders squares by what they may add to their pixels' errors, in powers of four.
-fn harm(error: f64) -> i32 {
-    if error.is_finite() { (0.5 * error.log2()).floor() as i32 } else { i32::MAX }
 }
 
 #[cfg(test)]
@@ -170,7 +190,8 @@ mod tests {
         let far = GROUP_PIXELS as u16;
         for (pixel, error) in [(1, 0.01), (far, 9.0), (2, f64::NAN), (3, 0.0), (0, 0.011), (4, 1.0)]
         {
-            assert!(waiting.push(found(pixel, error), Some(1.0), &to_do));
+            let urgency = Urgency::new(usize::from(pixel) / GROUP_PIXELS, error);
+            assert!(waiting.push(found(pixel, error), urgency, &to_do));
         }
         assert_eq!(waiting.of_group(0).count(), 5);
         let mut pixels = Vec::new();
@@ -187,24 +208,24 @@ mod tests {
         let to_do = to_do(false);
         let alone = ToDo { alone: true, ..to_do.clone() };
         for _ in 0..MOST_ALONE {
-            assert!(waiting.push(found(0, 1.0), Some(1.0), &alone));
+            assert!(waiting.push(found(0, 1.0), Urgency::new(0, 1.0), &alone));
         }
-        assert!(!waiting.push(found(0, 1.0), Some(1.0), &alone));
+        assert!(!waiting.push(found(0, 1.0), Urgency::new(0, 1.0), &alone));
         // For others there is room, and they are not what is taken out.
-        assert!(waiting.push(found(1, 1.0), Some(1.0), &to_do));
+        assert!(waiting.push(found(1, 1.0), Urgency::new(0, 1.0), &to_do));
         let least = waiting.pop_least_alone();
         assert!(!least.is_empty() && least.iter().all(|found| found.square.pixel == 0));
         for found in &least {
-            assert!(waiting.push(*found, Some(16.0), &alone));
+            assert!(waiting.push(*found, Urgency::new(0, 16.0), &alone));
         }
-        assert!(!waiting.push(found(0, 1.0), Some(1.0), &alone));
+        assert!(!waiting.push(found(0, 1.0), Urgency::new(0, 1.0), &alone));
         waiting.clear();
         for _ in 0..MOST_WAITING {
-            assert!(waiting.push(found(0, 1.0), Some(1.0), &to_do));
+            assert!(waiting.push(found(0, 1.0), Urgency::new(0, 1.0), &to_do));
         }
-        assert!(!waiting.push(found(0, 1.0), None, &to_do));
+        assert!(!waiting.push(found(0, 1.0), Urgency::default(), &to_do));
         let (_, taken, _) = waiting.pop().unwrap();
         assert_eq!(taken.len(), BATCH_RAYS);
-        assert!(waiting.push(found(0, 1.0), None, &to_do));
+        assert!(waiting.push(found(0, 1.0), Urgency::default(), &to_do));
     }
 }

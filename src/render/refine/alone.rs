@@ -3,17 +3,17 @@
 
 use std::array::from_fn;
 
-use super::{Batch, GROUP_PIXELS, MOST_HALVINGS, Next, Sheet, movable};
+use super::{BATCH_RAYS, Batch, GROUP_PIXELS, MOST_HALVINGS, Next, Sheet, movable};
 use crate::render::goal::Goal;
 use crate::render::grade::Care;
 use crate::render::pixel::{Pixel, Unevenness, own};
 use crate::render::ray_error::ErrorShares;
 use crate::render::rays::PixelGrid;
-use crate::render::waiting::{Found, ToDo};
+use crate::render::waiting::{Found, ToDo, Urgency};
 
 /// The parts of a tolerance that a mean of rays that stand for themselves may be off by, where
 /// little else is and where much is, and that are room for what these are off by themselves.
-const MEAN_SHARE: f64 = 0.45;
+const MEAN_SHARE: f64 = 0.7;
 const LEAST_MEAN_SHARE: f64 = 0.1;
 const ALONE_SHARE: f64 = 0.6;
 /// A quarter of a square stands out that may do more than this part of the square's harm.
@@ -27,7 +27,8 @@ impl Batch {
             found.uneven = before.uneven;
         }
         for (whole, quarters) in self.wholes.iter().zip(outcome.chunks_exact_mut(4)) {
-            let uneven = Unevenness::of(whole, from_fn(|n| &quarters[n].value));
+            let values = from_fn(|n| &quarters[n].value);
+            let uneven = Unevenness::of(&whole.value, whole.uneven, values);
             // Rays that are off by much themselves say nothing of others, but where many add up.
             let off = quarters.iter().chain([whole]).map(|found| own(&found.shares));
             let most = f64::from(whole.square.halvings).exp2() * ALONE_SHARE * tolerance;
@@ -38,21 +39,39 @@ impl Batch {
 }
 
 impl Sheet {
-    /// Those of a group's squares that are to be quartered for their pixels' mean.
-    pub(super) fn still_unsure(
-        &mut self,
-        grid: &PixelGrid,
-        group: usize,
-        found: Vec<Found>,
-    ) -> Vec<Found> {
-        let is_over = self.is_over_alone(group);
-        let (taken, left): (Vec<_>, Vec<_>) = found.into_iter().partition(|found| {
-            is_over || found.square.halvings >= MOST_HALVINGS || self.is_likely(found)
-        });
-        for found in taken {
-            self.pixels[usize::from(found.square.pixel)].draw(&found, grid.weight(&found.square));
+    /// Those of some squares that are to be quartered for their pixels' mean.
+    pub(super) fn still_unsure(&mut self, grid: &PixelGrid, found: Vec<Found>) -> Vec<Found> {
+        let mut left = Vec::with_capacity(found.len());
+        for found in found {
+            let pixel = usize::from(found.square.pixel);
+            if self.take_by_neighbours(&found) {
+                continue;
+            }
+            let is_over = self.is_over_alone(pixel / GROUP_PIXELS);
+            if is_over || found.square.halvings >= MOST_HALVINGS || self.is_likely(&found) {
+                self.pixels[pixel].draw(&found, grid.weight(&found.square));
+            } else {
+                left.push(found);
+            }
         }
         left
+    }
+
+    /// Adds whole pixels of the groups that follow, where they are next, while there is room for their
+    /// quarters in a batch.
+    pub(super) fn add_wholes(&mut self, grid: &PixelGrid, wholes: &mut Vec<Found>, to_do: &ToDo) {
+        let is_whole = |found: &Found| found.square.halvings == 0;
+        while wholes.iter().all(is_whole) && wholes.len() + GROUP_PIXELS <= BATCH_RAYS / 4 {
+            let Some(found) = self.waiting.pop_like(to_do, is_whole) else { break };
+            wholes.extend(self.still_unsure(grid, found));
+        }
+        wholes.sort_by_key(|found| found.square.pixel);
+    }
+
+    /// What a pixel's mean may be off by where it is off by so much beside it.
+    pub(super) fn room_for_mean(&self, beside: f64) -> f64 {
+        let tolerance = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
+        (tolerance - beside).clamp(LEAST_MEAN_SHARE * tolerance, MEAN_SHARE * tolerance)
     }
 
     /// Whether a quarter's pixel is close enough in all likelihood. Four rays may be alike by
@@ -60,11 +79,8 @@ impl Sheet {
     pub(super) fn is_likely(&self, found: &Found) -> bool {
         let pixel = usize::from(found.square.pixel);
         let least = if found.square.halvings == 1 { self.variance_around(pixel) } else { 0.0 };
-        let tolerance = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
         let pixel = &self.pixels[pixel];
-        let room = (tolerance - pixel.beside_mean())
-            .clamp(LEAST_MEAN_SHARE * tolerance, MEAN_SHARE * tolerance);
-        pixel.unlikely(least) <= room
+        pixel.unlikely(least) <= self.room_for_mean(pixel.beside_mean())
     }
 
     /// What a pixel and those beside it have as their first variance on average.
@@ -106,15 +122,29 @@ impl Sheet {
     /// Lets a square wait for rays that stand for themselves; if there is no room, those that matter
     /// least are drawn as they are.
     pub(super) fn wait_alone(&mut self, grid: &PixelGrid, found: &Found, to_do: &ToDo) {
-        let weight = Some(grid.weight(&found.square));
-        if !self.waiting.push(*found, weight, to_do) {
+        let weight = grid.weight(&found.square);
+        let urgency = self.urgency_alone(found, weight);
+        if !self.waiting.push(*found, urgency, to_do) {
             for least in self.waiting.pop_least_alone() {
                 let weight = grid.weight(&least.square);
                 self.pixels[usize::from(least.square.pixel)].draw(&least, weight);
             }
-            if !self.waiting.push(*found, weight, to_do) {
-                let pixel = &mut self.pixels[usize::from(found.square.pixel)];
-                pixel.draw(found, grid.weight(&found.square));
+            if !self.waiting.push(*found, urgency, to_do) {
+                self.pixels[usize::from(found.square.pixel)].draw(found, weight);
+            }
+        }
+    }
+
+    /// After all squares that bounds are sought of come witnesses, then groups of pixels in turn: the
+    /// worst squares first, where anything is known of them.
+    fn urgency_alone(&self, found: &Found, weight: f64) -> Urgency {
+        const WITNESSES: usize = BATCH_RAYS / GROUP_PIXELS;
+        let pixel = usize::from(found.square.pixel);
+        match found.uneven {
+            None if self.is_witness(pixel) => Urgency::new(WITNESSES, f64::INFINITY),
+            None => Urgency::new(WITNESSES + 1 + pixel / GROUP_PIXELS, f64::INFINITY),
+            Some(uneven) => {
+                Urgency::new(WITNESSES + 1 + pixel / GROUP_PIXELS, weight * uneven.spread())
             }
         }
     }
@@ -169,7 +199,13 @@ impl Sheet {
             if !is_good && next.takes(std::slice::from_ref(whole), &mean, room, batch) {
                 continue;
             }
-            let uneven = Unevenness::of(whole, from_fn(|n| &quarters[n].value));
+            let values = from_fn(|n| &quarters[n].value);
+            self.doubt(whole, values);
+            // Five rays may be alike beside an edge that neighbours see.
+            let pixel = usize::from(whole.square.pixel);
+            let is_whole = whole.square.halvings == 0;
+            let before = if is_whole { self.foretell(pixel) } else { whole.uneven };
+            let uneven = Unevenness::of(&whole.value, before, values);
             let pixel = &mut self.pixels[usize::from(whole.square.pixel)];
             pixel.learn(whole, &uneven, grid.weight(&whole.square), &mean);
             next.quartered

@@ -1,6 +1,6 @@
 //! Whether rays can bring the bounds of pixels' areas within the tolerance.
 
-use super::{Batch, GROUP_PIXELS, Sheet, movable};
+use super::{Batch, GROUP_PIXELS, MOST_NEEDED, Sheet, movable};
 use crate::render::rays::PixelGrid;
 use crate::render::waiting::Found;
 
@@ -18,8 +18,6 @@ const UNSEEN: f64 = 10.0;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct GroupInHand {
     pub(super) number: usize,
-    /// Rays marched before.
-    pub(super) begun: u64,
     /// What those of the last batch might be off by, and what their quarters may.
     pub(super) fallen: [f64; 2],
     /// Where there is no prospect of the tolerance: what its pixels may be off by, in the median.
@@ -35,10 +33,9 @@ pub(super) fn power([before, after]: [f64; 2]) -> Option<f64> {
 }
 
 impl Sheet {
-    /// Looks at whether most pixels of a group can come within the tolerance with the rays that are
-    /// left, if bounds go on falling as they have. Where not, rays that stand for squares go only
-    /// where something small may shine. `found` are squares that wait as well, to be marched `again`
-    /// or quartered.
+    /// Looks at whether bounds of a group of pixels are sought, and fall fast enough. Where not, rays
+    /// that stand for squares go only where something small may shine. `found` are squares that wait as well, to be marched
+    /// `again` or quartered.
     pub(super) fn settle(
         &mut self,
         grid: &PixelGrid,
@@ -48,20 +45,29 @@ impl Sheet {
         let Some(goal) = self.goal.filter(|goal| grid.has_area() && !goal.all_levels) else {
             return;
         };
-        let begins = GroupInHand { number, begun: self.rays, fallen: [0.0; 2], scouts: None };
+        let begins = GroupInHand { number, fallen: [0.0; 2], scouts: None };
         let mut group = self.group.filter(|group| group.number == number).unwrap_or(begins);
         if group.scouts.is_none() {
-            let count = GROUP_PIXELS.min(self.pixels.len() - number * GROUP_PIXELS);
-            let taken = 1.0 + (self.rays - group.begun) as f64 / count as f64;
             let median = self.median_bound(grid, number, found);
-            let power = power(group.fallen).unwrap_or(goal.power);
-            let left = (goal.rays_per_pixel as f64 / taken).powf(power);
             // What falls as fast as that has not shown yet what will be left.
-            let is_within_reach = goal.certifies && median <= left * goal.tolerance;
-            let has_prospect = power > FAST || is_within_reach || again && self.may_shine(median);
+            let is_fast = power(group.fallen).unwrap_or(goal.power) > FAST;
+            let reach =
+                power(group.fallen).map_or(f64::INFINITY, |power| self.reach(number, power));
+            let is_within_reach = goal.certifies && median <= reach * goal.tolerance;
+            let has_prospect = is_within_reach || is_fast || again && self.may_shine(median);
             group.scouts = (!has_prospect).then_some(median);
         }
         self.group = Some(group);
+    }
+
+    /// By how much bounds of a group's pixels can still fall if they go on falling with a power of the
+    /// number of rays.
+    fn reach(&self, number: usize, power: f64) -> f64 {
+        let first = number * GROUP_PIXELS;
+        let pixels = first..(first + GROUP_PIXELS).min(self.pixels.len());
+        let count = pixels.len() as f64;
+        let taken = pixels.map(|pixel| self.marched(pixel)).sum::<f64>() / count;
+        (MOST_NEEDED / taken).powf(power)
     }
 
     /// Whether what is off by so much may be something bright that no ray has met. Where it is shows
