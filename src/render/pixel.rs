@@ -292,14 +292,33 @@ mod tests {
         assert!(bent.bend.iter().all(|bend| (bend - 1.0 / 48.0).abs() < 1e-6), "{bent:?}");
     }
 
+    /// Numbers between 0 and 1 that seem to know nothing of each other.
+    fn hash(n: u64) -> f64 {
+        let n = (n + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let n = (n ^ n >> 31).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        (n >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    #[test]
+    fn neighbours_tell_of_bends_and_of_what_is_no_quadratic() {
+        let around = |of: &dyn Fn(f64, f64) -> f64| {
+            Unevenness::around(&std::array::from_fn(|n| [of((n % 3) as f64, (n / 3) as f64); 4]))
+        };
+        let even = around(&|x, y| 5.0 + 3.0 * x - 2.0 * y + x * y + 6.0 * x * x - 2.0 * y * y);
+        assert!(even.likely() < 1e-6);
+        // The mean over a pixel of x² is 1/12 above that of its centre.
+        assert!((even.bend(0) - 4.0 / 12.0).abs() < 1e-6 && even.most_bend() == even.bend(3));
+        let count = 20_000_u32;
+        let variance: f64 = (0..count)
+            .map(|k| around(&|x, y| hash(9 * u64::from(k) + (3.0 * y + x) as u64)).spread().powi(2))
+            .sum::<f64>()
+            / f64::from(count);
+        assert!((variance * 12.0 - 1.0).abs() < 0.03, "{variance}");
+    }
+
     #[test]
     fn independent_rays_spread_as_they_do() {
         let count = 20_000;
-        let hash = |n: u64| {
-            let n = (n + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-            let n = (n ^ n >> 31).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            (n >> 11) as f64 / (1_u64 << 53) as f64
-        };
         let variance: f64 = (0..count)
             .map(|n| {
                 let values: [[f64; 4]; 5] = std::array::from_fn(|k| [hash(5 * n + k as u64); 4]);

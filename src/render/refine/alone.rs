@@ -58,10 +58,14 @@ impl Sheet {
     }
 
     /// Adds whole pixels of the groups that follow, where they are next, while there is room for their
-    /// quarters in a batch.
+    /// quarters in a batch. None follow witnesses, which are to be heard first.
     pub(super) fn add_wholes(&mut self, grid: &PixelGrid, wholes: &mut Vec<Found>, to_do: &ToDo) {
         let is_whole = |found: &Found| found.square.halvings == 0;
-        while wholes.iter().all(is_whole) && wholes.len() + GROUP_PIXELS <= BATCH_RAYS / 4 {
+        let is_witness = |found: &Found| self.is_witness(usize::from(found.square.pixel));
+        if !wholes.iter().all(is_whole) || wholes.iter().any(is_witness) {
+            return;
+        }
+        while wholes.len() + GROUP_PIXELS <= BATCH_RAYS / 4 {
             let Some(found) = self.waiting.pop_like(to_do, is_whole) else { break };
             wholes.extend(self.still_unsure(grid, found));
         }

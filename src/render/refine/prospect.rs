@@ -1,6 +1,6 @@
 //! Whether rays can bring the bounds of pixels' areas within the tolerance.
 
-use super::{Batch, GROUP_PIXELS, MOST_NEEDED, Sheet, movable};
+use super::{Batch, GROUP_PIXELS, Sheet, movable};
 use crate::render::rays::PixelGrid;
 use crate::render::waiting::Found;
 
@@ -51,8 +51,8 @@ impl Sheet {
             let median = self.median_bound(grid, number, found);
             // What falls as fast as that has not shown yet what will be left.
             let is_fast = power(group.fallen).unwrap_or(goal.power) > FAST;
-            let reach =
-                power(group.fallen).map_or(f64::INFINITY, |power| self.reach(number, power));
+            let left = goal.rays_per_pixel as f64 / self.taken(number);
+            let reach = power(group.fallen).map_or(f64::INFINITY, |power| left.powf(power));
             let is_within_reach = goal.certifies && median <= reach * goal.tolerance;
             let has_prospect = is_within_reach || is_fast || again && self.may_shine(median);
             group.scouts = (!has_prospect).then_some(median);
@@ -60,14 +60,12 @@ impl Sheet {
         self.group = Some(group);
     }
 
-    /// By how much bounds of a group's pixels can still fall if they go on falling with a power of the
-    /// number of rays.
-    fn reach(&self, number: usize, power: f64) -> f64 {
+    /// Rays of each pixel of a group that stood for squares, on average.
+    fn taken(&self, number: usize) -> f64 {
         let first = number * GROUP_PIXELS;
         let pixels = first..(first + GROUP_PIXELS).min(self.pixels.len());
         let count = pixels.len() as f64;
-        let taken = pixels.map(|pixel| self.marched(pixel)).sum::<f64>() / count;
-        (MOST_NEEDED / taken).powf(power)
+        pixels.map(|pixel| self.marched(pixel)).sum::<f64>() / count
     }
 
     /// Whether what is off by so much may be something bright that no ray has met. Where it is shows
