@@ -164,9 +164,10 @@ impl Sheet {
                 let bound = movable(&found.shares, to_do.before);
                 let harm = grid.weight(&found.square) * bound;
                 let stands_out = |median| match found.square.halvings {
+                    _ if self.may_hide(harm, bound) => true,
                     0 => {
                         let pixel = usize::from(found.square.pixel);
-                        harm > median && (self.may_shine(bound) || self.stands_out(pixel, bound))
+                        harm > median && self.stands_out(pixel, bound)
                     }
                     _ => harm > SMALL_HARM * median,
                 };

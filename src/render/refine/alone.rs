@@ -169,15 +169,15 @@ impl Sheet {
             let harm = |found: &Found| grid.weight(&found.square) * movable(&found.shares, care);
             let most = STANDS_OUT * harm(whole);
             for quarter in quarters {
-                let harm = harm(quarter);
-                if harm <= most.min(median) || quarter.square.halvings >= MOST_HALVINGS {
+                let (harm, bound) = (harm(quarter), movable(&quarter.shares, care));
+                let is_little = harm <= most.min(median) && !self.may_hide(harm, bound);
+                if is_little || quarter.square.halvings >= MOST_HALVINGS {
                     self.conclude(grid, quarter, &marched);
                     continue;
                 }
                 // What shines in cells that are drawn too coarse, or is marched too roughly, can be
                 // anywhere in them.
-                let room = movable(&quarter.shares, care);
-                if next.takes(std::slice::from_ref(quarter), &quarter.shares, room, batch) {
+                if next.takes(std::slice::from_ref(quarter), &quarter.shares, bound, batch) {
                     continue;
                 }
                 next.quartered.push(*quarter);

@@ -74,6 +74,12 @@ impl Sheet {
         self.goal.is_some_and(|goal| bound > UNSEEN * goal.behind)
     }
 
+    /// Whether a square of which so much is known may hold something that shines, and that matters to its
+    /// pixel.
+    pub(super) fn may_hide(&self, harm: f64, bound: f64) -> bool {
+        self.may_shine(bound) && self.goal.is_some_and(|goal| harm > goal.tolerance)
+    }
+
     /// The median of what a group's pixels are off by.
     pub(super) fn median_bound(&self, grid: &PixelGrid, number: usize, found: &[Found]) -> f64 {
         let first = number * GROUP_PIXELS;
