@@ -34,8 +34,8 @@ pub(super) fn power([before, after]: [f64; 2]) -> Option<f64> {
 
 impl Sheet {
     /// Looks at whether bounds of a group of pixels are sought, and fall fast enough. Where not, rays
-    /// that stand for squares go only where something small may shine. `found` are squares that wait as well, to be marched
-    /// `again` or quartered.
+    /// that stand for squares go only where something small may shine. `found` are squares that wait
+    /// as well, to be marched `again` or quartered.
     pub(super) fn settle(
         &mut self,
         grid: &PixelGrid,
@@ -74,8 +74,8 @@ impl Sheet {
         self.goal.is_some_and(|goal| bound > UNSEEN * goal.behind)
     }
 
-    /// Whether a square of which so much is known may hold something that shines, and that matters to its
-    /// pixel.
+    /// Whether a square of which so much is known may hold something that shines, and that matters to
+    /// its pixel.
     pub(super) fn may_hide(&self, harm: f64, bound: f64) -> bool {
         self.may_shine(bound) && self.goal.is_some_and(|goal| harm > goal.tolerance)
     }
