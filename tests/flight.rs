@@ -156,7 +156,7 @@ fn more_pixels_do_not_lose_a_shining_core() -> twin::Result<()> {
 }
 
 #[test]
-#[ignore = "a minute: two flights of a hundred frames"]
+#[ignore = "some twenty minutes: two flights of a hundred frames"]
 fn whole_flights_are_steady() -> twin::Result<()> {
     fly(&Subject::synthetic("deep25")?, &[[0, FRAMES]])?;
     Subject::real(DEEP)?.map_or(Ok(()), |subject| fly(&subject, &[[0, FRAMES]]))

@@ -146,7 +146,8 @@ impl Relief {
 
     /// Finds what holds for all groups.
     fn join(&mut self, pieces: &PieceList) {
-        self.whole = self.groups.iter().copied().reduce(Group::with).unwrap_or_default();
+        self.whole = self.groups.first().copied().unwrap_or_default();
+        self.groups.iter().skip(1).for_each(|group| self.whole.take_in(group));
         let Group { low, high, .. } = self.whole;
         self.whole.span = if low <= high { pieces.over(low, high) } else { Span::default() };
     }
@@ -220,7 +221,7 @@ impl Relief {
         for z in lo[2]..=hi[2] {
             for y in lo[1]..=hi[1] {
                 for x in lo[0]..=hi[0] {
-                    all = all.with(*self.group((z * self.side + y) * self.side + x));
+                    all.take_in(self.group((z * self.side + y) * self.side + x));
                 }
             }
         }
@@ -229,22 +230,18 @@ impl Relief {
 }
 
 impl Group {
-    /// What holds for both.
-    fn with(self, other: Self) -> Self {
-        let larger = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|n| a[n].max(b[n]));
-        let slope = larger(self.slope, other.slope);
-        Self {
-            low: self.low.min(other.low),
-            high: self.high.max(other.high),
-            slope,
-            // Slopes of both signs: the range of all of them.
-            uneven: slope,
-            levels: self.levels.max(other.levels),
-            thinned: self.thinned.max(other.thinned),
-            storage: self.storage.max(other.storage),
-            span: self.span.max(other.span),
-            has_void: self.has_void || other.has_void,
-        }
+    /// Makes of it what holds for `other` as well.
+    fn take_in(&mut self, other: &Self) {
+        self.low = self.low.min(other.low);
+        self.high = self.high.max(other.high);
+        self.slope = std::array::from_fn(|a| self.slope[a].max(other.slope[a]));
+        // Slopes of both signs: the range of all of them.
+        self.uneven = self.slope;
+        self.levels = self.levels.max(other.levels);
+        self.thinned = self.thinned.max(other.thinned);
+        self.storage = self.storage.max(other.storage);
+        self.span = self.span.max(other.span);
+        self.has_void |= other.has_void;
     }
 }
 

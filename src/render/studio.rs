@@ -68,7 +68,7 @@ const FEWEST_RAYS_PER_PIXEL: u64 = 8;
 /// Rays of a pixel, on average, that a bound within the tolerance is worth; and how many times as many
 /// a tile may take that needs more than others.
 const WORTHWHILE: f64 = 8.0;
-const UNEVEN: u64 = 4;
+const UNEVEN: u64 = 16;
 /// The same where they stand for themselves.
 const MOST_ALONE: u64 = 32_000_000;
 const MOST_ALONE_PER_PIXEL: u64 = 256;
