@@ -60,6 +60,9 @@ struct Outcome {
     largest_value: f64,
     /// Largest measured error of any channel of any pixel.
     measured: f64,
+    /// Whether all pixels are as close as was asked for, and as the picture says that they are in
+    /// all likelihood, as far as the reference can tell.
+    is_within: [bool; 2],
     /// Pixels compared, and those whose reference is less exact than the bound.
     pixels: usize,
     undecided: usize,
@@ -181,6 +184,10 @@ impl Outcome {
             floor: picture.stats.error_shares.map_or(0.0, |s| s.storage + s.rounding),
             largest_value,
             measured: errors.iter().flatten().copied().fold(0.0, f64::max),
+            is_within: [tolerance, picture.stats.error_estimate.unwrap_or(bound)].map(|limit| {
+                let own = reference.places.iter().map(|n| reference.error[*n]);
+                own.zip(&errors).all(|(own, error)| (0..4).all(|c| error[c] <= limit + own[c]))
+            }),
             pixels: reference.places.len(),
             undecided: reference.places.iter().filter(unsure).count(),
             failure: None,
@@ -241,6 +248,26 @@ impl Tally {
         for is_area in [false, true] {
             self.print_kind(if is_area { "area" } else { "n rays" }, is_area);
         }
+        self.print_likelihood();
+    }
+
+    /// How areas that no bound certifies compare with their tolerances and with what their pictures
+    /// say of themselves, where not stored values alone are off by more.
+    fn print_likelihood(&self) {
+        let is_open = |o: &&Outcome| o.is_area && o.tolerance > 0.0 && o.bound > o.tolerance;
+        let open = self.outcomes.iter().filter(is_open).filter(|o| o.floor <= o.tolerance);
+        let open: Vec<&Outcome> = open.collect();
+        let mut parts: Vec<f64> = open.iter().map(|o| o.measured / o.tolerance).collect();
+        parts.sort_by(f64::total_cmp);
+        let (Some(most), Some(median)) = (parts.last(), parts.get(parts.len() / 2)) else { return };
+        let count = |n: usize| open.iter().filter(|o| o.is_within[n]).count();
+        eprintln!(
+            "{} areas without a certificate: {} within the tolerance, {} within the estimate; \
+             measured / tolerance: median {median:.3}, most {most:.3}",
+            open.len(),
+            count(0),
+            count(1)
+        );
     }
 
     fn print_kind(&self, name: &str, is_area: bool) {

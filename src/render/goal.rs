@@ -20,6 +20,8 @@ pub(super) struct Goal {
     pub(super) rays_per_pixel: u64,
     /// The same with rays that stand for themselves.
     pub(super) alone_per_pixel: u64,
+    /// How often a pixel is halved at least for these.
+    pub(super) least_halvings: u8,
     /// Whether all pixels' bounds are to come within the tolerance, so that rays are spent on these.
     pub(super) certifies: bool,
     /// The power of the number of rays that bounds fall with, until a group of pixels knows its own.

@@ -18,6 +18,7 @@ mod cell_shades;
 pub mod census;
 mod crossing;
 pub mod cut;
+mod effort;
 mod fill;
 pub mod frame;
 mod goal;

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::census::Census;
 use super::cut::{Cut, FootprintCut};
+use super::effort::Effort;
 use super::goal::{Goal, TileError};
 use super::grade::PacketTransfer;
 use super::load::BrickLoader;
@@ -48,7 +49,7 @@ pub(super) struct Studio<'s> {
     pub(super) threads: usize,
 }
 
-/// A glance is at most this many pixels wide or high.
+/// A glance is at most this many pixels wide or high, or rays where it has fewer pixels.
 const GLANCE_PIXELS: u32 = 64;
 /// So many an outlook is taken from: enough for an average, and not enough to meet all bricks of a
 /// large set.
@@ -60,20 +61,6 @@ const FIRST_TRY: f64 = 0.9;
 const ATTEMPTS: u32 = 12;
 /// What exact pictures are converged to, relative to their largest value.
 const EXACT: f64 = 1e-6;
-/// Rays of a picture whose pixels stand for areas, about, and of a pixel on average over a tile:
-/// where the bound needs more, it stays above the tolerance, and says so.
-const MOST_RAYS: u64 = 16_000_000;
-const MOST_RAYS_PER_PIXEL: u64 = 64;
-const FEWEST_RAYS_PER_PIXEL: u64 = 8;
-/// Rays of a pixel, on average, that a bound within the tolerance is worth; and how many times as many
-/// a tile may take that needs more than others.
-const WORTHWHILE: f64 = 8.0;
-const UNEVEN: u64 = 16;
-/// The same where they stand for themselves.
-const MOST_ALONE: u64 = 32_000_000;
-const MOST_ALONE_PER_PIXEL: u64 = 256;
-const FEWEST_ALONE_PER_PIXEL: u64 = 16;
-
 /// Rays for each of the pixels that an outlook is taken from.
 const OUTLOOK_RAYS: u64 = 5;
 
@@ -124,8 +111,7 @@ impl<'s> Studio<'s> {
         let tolerance = self.scene.render.tolerance;
         let is_exact = matches!(tolerance, Tolerance::Absolute(0.0) | Tolerance::Relative(0.0));
         let glance = if is_exact && !pixels.has_area() { 0.0 } else { self.glance()? };
-        let size = pixels.whole().count() as u64;
-        let per_pixel = |all: u64, fewest, most| (all / size.max(1)).clamp(fewest, most);
+        let effort = Effort::of(pixels.whole().count() as u64);
         let mut goal = Goal {
             tolerance: match tolerance {
                 _ if is_exact => EXACT * glance,
@@ -134,8 +120,9 @@ impl<'s> Studio<'s> {
                 Tolerance::Relative(_) => f64::MIN_POSITIVE,
             },
             behind: glance,
-            rays_per_pixel: per_pixel(MOST_RAYS, FEWEST_RAYS_PER_PIXEL, MOST_RAYS_PER_PIXEL),
-            alone_per_pixel: per_pixel(MOST_ALONE, FEWEST_ALONE_PER_PIXEL, MOST_ALONE_PER_PIXEL),
+            rays_per_pixel: effort.most,
+            alone_per_pixel: effort.most_alone,
+            least_halvings: effort.least_halvings,
             certifies: true,
             power: f64::INFINITY,
             all_levels: is_exact,
@@ -144,9 +131,10 @@ impl<'s> Studio<'s> {
         let pieces = self.pieces(&transfer);
         if pixels.has_area() && !is_exact {
             let outlook = self.outlook(&goal, (&transfer, pieces))?;
-            goal.certifies = outlook.beyond == 0.0 && outlook.rays_needed <= WORTHWHILE;
+            let is_worthwhile = outlook.rays_needed <= effort.worthwhile as f64;
+            goal.certifies = outlook.beyond == 0.0 && is_worthwhile;
             if goal.certifies {
-                goal.rays_per_pixel *= UNEVEN;
+                goal.rays_per_pixel = effort.most_certified;
             }
             goal.power = outlook.power;
         }
@@ -232,9 +220,14 @@ impl<'s> Studio<'s> {
     fn glance(&self) -> Result<f64> {
         let (scene, _) = self.small(GLANCE_PIXELS);
         let view = View::new(&scene, &self.cache.header().domain)?;
-        let pixels = PixelGrid::new(&view, Samples::Grid(1));
+        let most = (GLANCE_PIXELS / scene.image.width.max(scene.image.height)).max(1);
+        let rays = match self.scene.render.samples {
+            Samples::Grid(rays) => rays.min(most),
+            Samples::Area => most,
+        };
+        let pixels = PixelGrid::new(&view, Samples::Grid(rays));
         let cut = Cut::Footprint(FootprintCut::new(
-            1.0,
+            f64::from(rays).recip(),
             &scene,
             &self.cache.header().domain,
             self.cache.header().shape,

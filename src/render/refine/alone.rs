@@ -81,10 +81,18 @@ impl Sheet {
     /// Whether a quarter's pixel is close enough in all likelihood. Four rays may be alike by
     /// accident: their pixel's neighbours are asked as well.
     pub(super) fn is_likely(&self, found: &Found) -> bool {
+        if self.is_too_whole(found) {
+            return false;
+        }
         let pixel = usize::from(found.square.pixel);
         let least = if found.square.halvings == 1 { self.variance_around(pixel) } else { 0.0 };
         let pixel = &self.pixels[pixel];
         pixel.unlikely(least) <= self.room_for_mean(pixel.beside_mean())
+    }
+
+    /// Whether a square is to be quartered whatever its rays tell.
+    fn is_too_whole(&self, found: &Found) -> bool {
+        self.goal.is_some_and(|goal| found.square.halvings < goal.least_halvings)
     }
 
     /// What a pixel and those beside it have as their first variance on average.
@@ -140,16 +148,16 @@ impl Sheet {
     }
 
     /// After all squares that bounds are sought of come witnesses, then groups of pixels in turn: the
-    /// worst squares first, where anything is known of them.
+    /// worst squares first, where enough is known of them.
     fn urgency_alone(&self, found: &Found, weight: f64) -> Urgency {
         const WITNESSES: usize = BATCH_RAYS / GROUP_PIXELS;
         let pixel = usize::from(found.square.pixel);
         match found.uneven {
             None if self.is_witness(pixel) => Urgency::new(WITNESSES, f64::INFINITY),
-            None => Urgency::new(WITNESSES + 1 + pixel / GROUP_PIXELS, f64::INFINITY),
-            Some(uneven) => {
+            Some(uneven) if !self.is_too_whole(found) => {
                 Urgency::new(WITNESSES + 1 + pixel / GROUP_PIXELS, weight * uneven.spread())
             }
+            _ => Urgency::new(WITNESSES + 1 + pixel / GROUP_PIXELS, f64::INFINITY),
         }
     }
 

@@ -14,6 +14,9 @@ use crate::render::waiting::Found;
 /// A pixel stands out whose bound is so many times the median of those around it: something may be
 /// in it that is not in these.
 const STANDS_OUT: f64 = 1.5;
+/// Of a pixel that may be off by so many times the light that was expected of all of the picture,
+/// neighbours tell little.
+const UNKNOWN: f64 = 4.0;
 /// Bounds around a pixel, of which fewer have no median to go by.
 const FEWEST_AROUND: usize = 3;
 /// So many times what neighbours have missed in a witness counts beside what they foretell of others.
@@ -117,7 +120,7 @@ impl Sheet {
     /// it. Returns whether they do.
     pub(super) fn take_by_neighbours(&mut self, found: &Found) -> bool {
         let pixel = usize::from(found.square.pixel);
-        if found.square.halvings > 0 || self.is_witness(pixel) {
+        if found.square.halvings > 0 || self.is_witness(pixel) || self.is_unknown(pixel) {
             return false;
         }
         let Some(foretold) = self.foretell(pixel) else { return false };
@@ -128,6 +131,14 @@ impl Sheet {
         }
         self.pixels[pixel].take_as_foretold(found, &foretold, doubt);
         true
+    }
+
+    /// Whether a pixel's neighbours say little: far more light may be in it than is known of, or pixels are
+    /// so few that more rays are taken of each.
+    fn is_unknown(&self, pixel: usize) -> bool {
+        self.goal.is_none_or(|goal| {
+            goal.least_halvings > 0 || self.firsts[pixel].bound > UNKNOWN * goal.behind
+        })
     }
 
     /// Whether a whole pixel's bound is far above those of the pixels around it.
