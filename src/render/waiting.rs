@@ -12,9 +12,11 @@ use super::rays::{BATCH_RAYS, Square};
 /// fewer squares wait; the more, the more rays are marched together.
 pub(super) const GROUP_PIXELS: usize = 256;
 /// Squares that wait, at most, and those of them that wait to be quartered for rays that stand for
-/// themselves: the bounds of a group's other squares are not to go to waste for want of room.
+/// themselves: the bounds of a group's other squares are not to go to waste for want of room. Nor are
+/// these to leave no room for whole pixels of which only one ray is known.
 const MOST_WAITING: usize = 40 << 10;
 const MOST_ALONE: usize = MOST_WAITING / 2;
+const MOST_OTHERS: usize = MOST_WAITING - 2 * BATCH_RAYS;
 
 /// What a ray has found.
 #[derive(Debug, Clone, Copy)]
@@ -120,12 +122,13 @@ impl Waiting {
     }
 
     /// Takes those out that do least harm among those for rays that stand for themselves, of the first
-    /// group: that is in hand, and others are not to make up for what it takes.
+    /// group: that is in hand, and others are not to make up for what it takes. Those whose harm knows
+    /// no limit come last, whatever their group.
     pub(super) fn pop_least_alone(&mut self) -> Vec<Found> {
         let alone = (0..self.alike.len()).filter(|n| self.alike[*n].to_do.alone);
         let order = |number: &usize| {
             let Urgency { group, harm } = self.alike[*number].urgency;
-            (group, harm)
+            (harm == i32::MAX, group, harm)
         };
         alone.min_by_key(order).map_or(Vec::new(), |number| self.take(number).found)
     }
@@ -138,7 +141,12 @@ impl Waiting {
 
     /// Adds a square; false where there is no room.
     pub(super) fn push(&mut self, found: Found, urgency: Urgency, to_do: &ToDo) -> bool {
-        if self.count >= MOST_WAITING || (to_do.alone && self.alone >= MOST_ALONE) {
+        let has_room = if to_do.alone {
+            self.count < MOST_WAITING && self.alone < MOST_ALONE
+        } else {
+            self.count < MOST_WAITING && self.count - self.alone < MOST_OTHERS
+        };
+        if !has_room {
             return false;
         }
         self.count += 1;
@@ -219,11 +227,20 @@ mod tests {
             assert!(waiting.push(*found, Urgency::new(0, 16.0), &alone));
         }
         assert!(!waiting.push(found(0, 1.0), Urgency::new(0, 1.0), &alone));
+        // What nothing is known of is not taken out for others.
         waiting.clear();
-        for _ in 0..MOST_WAITING {
+        assert!(waiting.push(found(2, 1.0), Urgency::new(0, f64::INFINITY), &alone));
+        assert!(waiting.push(found(3, 1.0), Urgency::new(1, 1.0), &alone));
+        assert_eq!(waiting.pop_least_alone()[0].square.pixel, 3);
+        waiting.clear();
+        for _ in 0..MOST_OTHERS {
             assert!(waiting.push(found(0, 1.0), Urgency::new(0, 1.0), &to_do));
         }
         assert!(!waiting.push(found(0, 1.0), Urgency::default(), &to_do));
+        for _ in MOST_OTHERS..MOST_WAITING {
+            assert!(waiting.push(found(1, 1.0), Urgency::new(1, 1.0), &alone));
+        }
+        assert!(!waiting.push(found(1, 1.0), Urgency::new(1, 1.0), &alone));
         let (_, taken, _) = waiting.pop().unwrap();
         assert_eq!(taken.len(), BATCH_RAYS);
         assert!(waiting.push(found(0, 1.0), Urgency::default(), &to_do));

@@ -147,17 +147,22 @@ impl Sheet {
         }
     }
 
-    /// After all squares that bounds are sought of come witnesses, then groups of pixels in turn: the
-    /// worst squares first, where enough is known of them.
+    /// After all squares that bounds are sought of come witnesses, then groups of pixels in turn:
+    /// first what little is known of, the largest of it first, then the worst.
     fn urgency_alone(&self, found: &Found, weight: f64) -> Urgency {
         const WITNESSES: usize = BATCH_RAYS / GROUP_PIXELS;
+        const UNKNOWN: f64 = 1e200;
         let pixel = usize::from(found.square.pixel);
+        let group = WITNESSES + 1 + pixel / GROUP_PIXELS;
         match found.uneven {
-            None if self.is_witness(pixel) => Urgency::new(WITNESSES, f64::INFINITY),
-            Some(uneven) if !self.is_too_whole(found) => {
-                Urgency::new(WITNESSES + 1 + pixel / GROUP_PIXELS, weight * uneven.spread())
+            _ if found.square.halvings == 0 && self.is_witness(pixel) => {
+                Urgency::new(WITNESSES, f64::INFINITY)
             }
-            _ => Urgency::new(WITNESSES + 1 + pixel / GROUP_PIXELS, f64::INFINITY),
+            None if found.square.halvings == 0 => Urgency::new(group, f64::INFINITY),
+            Some(uneven) if !self.is_too_whole(found) => {
+                Urgency::new(group, weight * uneven.spread())
+            }
+            _ => Urgency::new(group, weight * UNKNOWN),
         }
     }
 
