@@ -20,7 +20,7 @@ const SMALL_ALONE: u64 = 4_000_000;
 const SMALL_ALONE_PER_PIXEL: u64 = 4096;
 /// A picture takes about so many of these at least, and a pixel no more than the quarters of quarters of
 /// quarters: all of those of pixels that are drawn together have room.
-const LEAST_ALONE: u64 = 64 << 10;
+const LEAST_ALONE: u64 = 16 << 10;
 const MOST_HALVED: u32 = 3;
 
 /// Rays for each pixel.
@@ -67,10 +67,8 @@ mod tests {
             assert!(a.most >= b.most && a.most_alone >= b.most_alone);
             assert!(a.worthwhile >= b.worthwhile && a.least_halvings >= b.least_halvings);
         }
-        assert_eq!(
-            [63, 1024, 4096, 16_384, 65_536].map(|n| Effort::of(n).least_halvings),
-            [3, 3, 2, 1, 0]
-        );
+        let halvings = [63, 256, 1024, 4096, 16_384].map(|n| Effort::of(n).least_halvings);
+        assert_eq!(halvings, [3, 3, 2, 1, 0]);
         for size in [63, 4096, 65_536, 262_144, 1_000_000] {
             let Effort { most_alone, most, .. } = Effort::of(size);
             assert!(most_alone * size <= MOST_ALONE && most * size <= MOST, "{size}");

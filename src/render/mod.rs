@@ -47,6 +47,7 @@ mod packet_tests;
 mod picture;
 mod piece;
 mod pixel;
+mod pixel_order;
 mod polynomial;
 mod preload;
 mod probe;

@@ -12,8 +12,9 @@ use super::goal::{Goal, TileError};
 use super::grade::Care;
 use super::picture::Method;
 use super::pixel::Pixel;
+use super::pixel_order::PixelOrder;
 use super::ray_error::ErrorShares;
-use super::rays::{BATCH_RAYS, PixelGrid, PixelOrder, PixelRect, Square};
+use super::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
 use super::waiting::{Found, GROUP_PIXELS, ToDo, Urgency, Waiting};
 
 /// The part of a pixel's error that may come from levels, of what levels and area may be off by.

@@ -8,7 +8,7 @@
 
 use super::{Batch, Sheet};
 use crate::render::pixel::{Unevenness, own};
-use crate::render::rays::BLOCK;
+use crate::render::pixel_order::BLOCK;
 use crate::render::waiting::Found;
 
 /// A pixel stands out whose bound is so many times the median of those around it: something may be

@@ -2,7 +2,8 @@
 
 use std::ops::Range;
 
-use super::super::rays::{BLOCK, PixelRect, TILE_SIDE};
+use super::super::pixel_order::BLOCK;
+use super::super::rays::{PixelRect, TILE_SIDE};
 use super::Tile;
 
 /// Rays that need more of a brick: how many, and a bound of their transmittances.
@@ -82,7 +83,8 @@ impl Tile {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::super::rays::{PixelOrder, Square};
+    use super::super::super::pixel_order::PixelOrder;
+    use super::super::super::rays::Square;
     use super::*;
 
     proptest! {
