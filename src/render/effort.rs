@@ -32,6 +32,8 @@ pub(super) struct Effort {
     /// worth.
     pub(super) most_certified: u64,
     pub(super) worthwhile: u64,
+    /// The same as the first where bounds are not sought, but what may shine is.
+    pub(super) scouting: u64,
     /// At most, on average over a tile, where they stand for themselves.
     pub(super) most_alone: u64,
     /// How often a pixel is halved at least for these.
@@ -44,11 +46,13 @@ impl Effort {
         let each = |all: u64| all / pixels.max(1);
         let most = each(MOST).clamp(FEWEST_PER_PIXEL, MOST_PER_PIXEL);
         let alone = each(MOST_ALONE).clamp(FEWEST_ALONE_PER_PIXEL, MOST_ALONE_PER_PIXEL);
+        let worthwhile = each(WORTHWHILE).max(WORTHWHILE_PER_PIXEL);
         let halvings = each(LEAST_ALONE).checked_ilog(4).unwrap_or(0);
         Self {
             most,
             most_certified: UNEVEN * most,
-            worthwhile: each(WORTHWHILE).max(WORTHWHILE_PER_PIXEL),
+            worthwhile,
+            scouting: worthwhile.min(most),
             most_alone: alone.max(each(SMALL_ALONE).min(SMALL_ALONE_PER_PIXEL)),
             least_halvings: halvings.min(MOST_HALVED) as u8,
         }

@@ -133,9 +133,8 @@ impl<'s> Studio<'s> {
             let outlook = self.outlook(&goal, (&transfer, pieces))?;
             let is_worthwhile = outlook.rays_needed <= effort.worthwhile as f64;
             goal.certifies = outlook.beyond == 0.0 && is_worthwhile;
-            if goal.certifies {
-                goal.rays_per_pixel = effort.most_certified;
-            }
+            goal.rays_per_pixel =
+                if goal.certifies { effort.most_certified } else { effort.scouting };
             goal.power = outlook.power;
         }
         let cut = goal.first_cut();
