@@ -1,8 +1,14 @@
 //! Opening a cache and reading its bricks.
 
 use std::fs::File;
+#[cfg(target_os = "linux")]
+use std::num::NonZeroU64;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+#[cfg(target_os = "linux")]
+use rustix::fs::{Advice, fadvise};
 
 use super::brick::{BrickPlace, RawBrick};
 use super::bytes::ByteReader;
@@ -93,8 +99,17 @@ impl Cache {
         &self.file
     }
 
+    /// Tells the system that the payload of `record` will be read soon, so that it may begin to.
+    pub fn announce(&self, record: &FieldRecord) {
+        #[cfg(target_os = "linux")]
+        if let Some(length) = NonZeroU64::new(record.stored_bytes.into()) {
+            // A hint: where it is of no use nothing is lost.
+            let _ = fadvise(&self.file, record.offset, Some(length), Advice::WillNeed);
+        }
+    }
+
     /// Reads brick `node`'s payload of field `field` into `brick`, checked against its checksum,
-    /// its records and the tree.
+    /// its records and the tree. Says how long the file took.
     ///
     /// # Errors
     /// A payload that cannot be read, is damaged, or contradicts its records.
@@ -106,7 +121,7 @@ impl Cache {
         record: &FieldRecord,
         decoder: &mut Decoder,
         brick: &mut RawBrick,
-    ) -> Result<()> {
+    ) -> Result<Duration> {
         let damaged = |reason: &str| self.damaged(node, field, reason);
         let shape = self.header.shape;
         let blocks = usize::from(record.parent_blocks) + 1;
@@ -119,14 +134,17 @@ impl Cache {
         }
         decoder.stored.clear();
         decoder.stored.resize(length, 0);
+        let started = Instant::now();
         self.file
             .read_exact_at(&mut decoder.stored, record.offset)
             .map_err(|source| Error::io(&self.path, format!("cannot read brick {node}"), source))?;
+        let reading = started.elapsed();
         if checksum_at(payload_place(node, field), &decoder.stored) != record.checksum {
             return Err(damaged("its checksum differs"));
         }
         decoder.decode(shape, blocks, brick).map_err(damaged)?;
-        check_brick(shape.edge(), node_record, record, brick).map_err(damaged)
+        check_brick(shape.edge(), node_record, record, brick).map_err(damaged)?;
+        Ok(reading)
     }
 
     /// Checks what [`Self::read_brick`] has read against the place at which the tree has the

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use super::LoadedBytes;
+use super::Loaded;
 
 /// Keys below this are told apart exactly when loads are counted as first or further ones; with
 /// larger keys two bricks may share a mark (by the key's hash), and the second one's first load
@@ -19,7 +19,9 @@ pub struct Counters {
     further_loads: AtomicU64,
     bytes_read: AtomicU64,
     bytes_decompressed: AtomicU64,
+    reading_nanoseconds: AtomicU64,
     waited_nanoseconds: AtomicU64,
+    worked_nanoseconds: AtomicU64,
 }
 
 impl Counters {
@@ -32,7 +34,9 @@ impl Counters {
             further_loads: AtomicU64::new(0),
             bytes_read: AtomicU64::new(0),
             bytes_decompressed: AtomicU64::new(0),
+            reading_nanoseconds: AtomicU64::new(0),
             waited_nanoseconds: AtomicU64::new(0),
+            worked_nanoseconds: AtomicU64::new(0),
         }
     }
 
@@ -56,19 +60,31 @@ impl Counters {
         load(&self.further_loads)
     }
 
-    /// Bytes taken from the file and bytes after decompression, all loads together.
-    pub fn loaded_bytes(&self) -> LoadedBytes {
-        LoadedBytes { read: load(&self.bytes_read), decompressed: load(&self.bytes_decompressed) }
+    /// What all loads together took from the file.
+    pub fn loaded(&self) -> Loaded {
+        Loaded {
+            read: load(&self.bytes_read),
+            decompressed: load(&self.bytes_decompressed),
+            reading: time(&self.reading_nanoseconds),
+        }
     }
 
-    /// Time that users spent until the bricks they asked for were there, all threads together.
+    /// Time that users spent until bricks they asked for were read, or loaded by others, all
+    /// threads together.
     pub fn waited(&self) -> Duration {
-        Duration::from_nanos(load(&self.waited_nanoseconds))
+        time(&self.waited_nanoseconds)
     }
 
-    pub(super) fn count_load(&self, key: u64, level: usize, bytes: LoadedBytes) {
-        self.bytes_read.fetch_add(bytes.read, Ordering::Relaxed);
-        self.bytes_decompressed.fetch_add(bytes.decompressed, Ordering::Relaxed);
+    /// Time that users spent on preparing bricks themselves after these had been read, all threads
+    /// together.
+    pub fn worked(&self) -> Duration {
+        time(&self.worked_nanoseconds)
+    }
+
+    pub(super) fn count_load(&self, key: u64, level: usize, loaded: &Loaded) {
+        self.bytes_read.fetch_add(loaded.read, Ordering::Relaxed);
+        self.bytes_decompressed.fetch_add(loaded.decompressed, Ordering::Relaxed);
+        add(&self.reading_nanoseconds, loaded.reading);
         if self.mark(key) {
             self.further_loads.fetch_add(1, Ordering::Relaxed);
         } else if let Some(count) = self.first_loads.get(level) {
@@ -77,8 +93,11 @@ impl Counters {
     }
 
     pub(super) fn count_wait(&self, time: Duration) {
-        let nanoseconds = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
-        self.waited_nanoseconds.fetch_add(nanoseconds, Ordering::Relaxed);
+        add(&self.waited_nanoseconds, time);
+    }
+
+    pub(super) fn count_work(&self, time: Duration) {
+        add(&self.worked_nanoseconds, time);
     }
 
     /// Marks `key`; whether it was marked before.
@@ -101,6 +120,15 @@ fn load(counter: &AtomicU64) -> u64 {
     counter.load(Ordering::Relaxed)
 }
 
+fn time(nanoseconds: &AtomicU64) -> Duration {
+    Duration::from_nanos(load(nanoseconds))
+}
+
+fn add(nanoseconds: &AtomicU64, time: Duration) {
+    let more = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+    nanoseconds.fetch_add(more, Ordering::Relaxed);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -108,13 +136,15 @@ mod tests {
     #[test]
     fn first_and_further_loads_are_told_apart() {
         let counters = Counters::new(130, 3);
-        let bytes = LoadedBytes { read: 10, decompressed: 25 };
+        let reading = Duration::from_millis(2);
+        let loaded = Loaded { read: 10, decompressed: 25, reading };
         for (key, level) in [(0, 0), (129, 2), (64, 2), (129, 2), (0, 0), (129, 2)] {
-            counters.count_load(key, level, bytes);
+            counters.count_load(key, level, &loaded);
         }
         assert_eq!((counters.distinct(), counters.reloaded()), (3, 3));
         assert_eq!([0, 1, 2, 9].map(|level| counters.distinct_at(level)), [1, 0, 2, 0]);
-        assert_eq!(counters.loaded_bytes(), LoadedBytes { read: 60, decompressed: 150 });
+        let all = Loaded { read: 60, decompressed: 150, reading: 6 * reading };
+        assert_eq!(counters.loaded(), all);
     }
 
     #[test]
@@ -122,7 +152,7 @@ mod tests {
         assert_eq!(Counters::bytes(u64::MAX), 2 << 20);
         let counters = Counters::new(u64::MAX, 1);
         for key in [5, u64::MAX, u64::MAX, LARGEST_EXACT_KEY + 1] {
-            counters.count_load(key, 0, LoadedBytes::default());
+            counters.count_load(key, 0, &Loaded::default());
         }
         assert_eq!(counters.distinct() + counters.reloaded(), 4);
         assert!(counters.reloaded() >= 1);

@@ -1,5 +1,7 @@
 //! What the pool asks of those who use it.
 
+use std::time::Duration;
+
 use crate::Result;
 
 /// Names a brick, and carries what is needed to load it.
@@ -16,11 +18,13 @@ pub trait Request: Copy + Send + Sync {
 
 /// What a load took from the file.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct LoadedBytes {
+pub struct Loaded {
     /// Bytes read.
     pub read: u64,
     /// Bytes after decompression.
     pub decompressed: u64,
+    /// How long the file took.
+    pub reading: Duration,
 }
 
 /// Fills slots of the pool. Shared by all threads; what a thread needs of its own is its scratch.
@@ -35,6 +39,9 @@ pub trait Loader: Sync {
     /// An empty slot.
     fn new_brick(&self) -> Self::Brick;
 
+    /// Says that a brick will be loaded soon. Returns at once.
+    fn announce(&self, request: &Self::Request);
+
     /// Reads, checks and prepares the brick that `request` names into `brick`, whatever that
     /// held before.
     ///
@@ -45,5 +52,5 @@ pub trait Loader: Sync {
         request: &Self::Request,
         scratch: &mut Self::Scratch,
         brick: &mut Self::Brick,
-    ) -> Result<LoadedBytes>;
+    ) -> Result<Loaded>;
 }

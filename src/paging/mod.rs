@@ -13,7 +13,7 @@ mod resident;
 
 pub use budget::{Budget, MEBIBYTE, Reservation};
 pub use counters::{Counters, LARGEST_EXACT_KEY};
-pub use loader::{LoadedBytes, Loader, Request};
+pub use loader::{Loaded, Loader, Request};
 pub use pool::{Pinned, Pool};
 pub use read_ahead::{ReadAhead, run_reader};
 pub use resident::peak_rss_bytes;

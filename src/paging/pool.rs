@@ -5,7 +5,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use super::clock::{Clock, Found};
-use super::{Counters, Loader, Request};
+use super::{Counters, Loaded, Loader, Request};
 use crate::{Error, Result};
 
 /// A brick in use: its slot is not reused while this lives.
@@ -54,24 +54,39 @@ impl<'l, L: Loader> Pool<'l, L> {
         if let Found::Ready(brick) = clock.find(key, last_turn) {
             return Ok(Pinned(brick));
         }
-        let started = Instant::now();
-        let outcome = loop {
+        loop {
             match clock.find(key, last_turn) {
-                Found::Ready(brick) => break Ok(Pinned(brick)),
-                Found::Loading => {
-                    clock = self.changed.wait(clock).unwrap_or_else(PoisonError::into_inner);
-                }
+                Found::Ready(brick) => return Ok(Pinned(brick)),
+                Found::Loading => clock = self.wait(clock),
                 Found::Absent => {
-                    let Some(slot) = clock.claim(key, || self.loader.new_brick()) else {
-                        break Err(all_in_use());
-                    };
+                    let slot = clock.claim(key, || self.loader.new_brick()).ok_or_else(all_in_use)?;
                     drop(clock);
-                    break self.fill(request, slot, scratch, true).map(Pinned);
+                    return self.fill_for_use(request, slot, scratch).map(Pinned);
                 }
             }
-        };
+        }
+    }
+
+    /// Waits until some brick has been loaded, or could not be.
+    fn wait<'c>(&self, clock: MutexGuard<'c, Clock<L::Brick>>) -> MutexGuard<'c, Clock<L::Brick>> {
+        let started = Instant::now();
+        let clock = self.changed.wait(clock).unwrap_or_else(PoisonError::into_inner);
         self.counters.count_wait(started.elapsed());
-        outcome
+        clock
+    }
+
+    /// Fills a slot for the thread that needs it: the file's part of that is waiting, the rest work.
+    fn fill_for_use(
+        &self,
+        request: &L::Request,
+        slot: (usize, Arc<L::Brick>),
+        scratch: &mut L::Scratch,
+    ) -> Result<Arc<L::Brick>> {
+        let started = Instant::now();
+        let (brick, loaded) = self.fill(request, slot, scratch, true)?;
+        self.counters.count_wait(loaded.reading);
+        self.counters.count_work(started.elapsed().saturating_sub(loaded.reading));
+        Ok(brick)
     }
 
     /// Turns begin anew: none is over.
@@ -88,6 +103,15 @@ impl<'l, L: Loader> Pool<'l, L> {
     /// Whether the brick of `key` is there or on its way.
     pub fn holds(&self, key: u64) -> bool {
         self.lock().holds(key)
+    }
+
+    /// Says that a brick will be asked for soon; whether it has to be loaded for that.
+    pub(super) fn announce(&self, request: &L::Request) -> bool {
+        let absent = !self.holds(request.key());
+        if absent {
+            self.loader.announce(request);
+        }
+        absent
     }
 
     /// Loads the brick ahead of its use, unless it is there already or only slots are free that
@@ -113,13 +137,14 @@ impl<'l, L: Loader> Pool<'l, L> {
         (slot, brick): (usize, Arc<L::Brick>),
         scratch: &mut L::Scratch,
         used: bool,
-    ) -> Result<Arc<L::Brick>> {
+    ) -> Result<(Arc<L::Brick>, Loaded)> {
         let key = request.key();
         let mut filling = Filling { pool: self, key, slot, brick: Some(brick) };
         let brick = filling.brick.as_mut().and_then(Arc::get_mut).ok_or_else(all_in_use)?;
-        let bytes = self.loader.load(request, scratch, brick)?;
-        self.counters.count_load(key, request.level(), bytes);
-        filling.publish(used, request.last_turn()).ok_or_else(all_in_use)
+        let loaded = self.loader.load(request, scratch, brick)?;
+        self.counters.count_load(key, request.level(), &loaded);
+        let brick = filling.publish(used, request.last_turn()).ok_or_else(all_in_use)?;
+        Ok((brick, loaded))
     }
 
     fn lock(&self) -> MutexGuard<'_, Clock<L::Brick>> {

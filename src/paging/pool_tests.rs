@@ -2,7 +2,7 @@ use std::sync::Barrier;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-use super::super::{LoadedBytes, ReadAhead, run_reader};
+use super::super::{ReadAhead, run_reader};
 use super::*;
 
 #[derive(Clone, Copy)]
@@ -27,6 +27,7 @@ impl Request for Key {
 struct Squares {
     created: AtomicU64,
     loads: AtomicU64,
+    announced: AtomicU64,
     pause: Duration,
     broken: AtomicBool,
 }
@@ -41,7 +42,11 @@ impl Loader for &Squares {
         0
     }
 
-    fn load(&self, request: &Key, _: &mut (), brick: &mut u64) -> Result<LoadedBytes> {
+    fn announce(&self, _: &Key) {
+        self.announced.fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn load(&self, request: &Key, _: &mut (), brick: &mut u64) -> Result<Loaded> {
         self.loads.fetch_add(1, Ordering::Relaxed);
         std::thread::sleep(self.pause);
         *brick = u64::MAX;
@@ -49,7 +54,7 @@ impl Loader for &Squares {
             return Err(Error::invalid(format!("brick {}", request.0), "damaged"));
         }
         *brick = request.0 * request.0;
-        Ok(LoadedBytes { read: 1, decompressed: 2 })
+        Ok(Loaded { read: 1, decompressed: 2, reading: self.pause / 4 })
     }
 }
 
@@ -67,7 +72,8 @@ fn slots_are_created_once_and_reused() {
     }
     assert_eq!(loader.created.load(Ordering::Relaxed), 3);
     assert_eq!((counters.distinct(), counters.reloaded()), (20, 20));
-    assert_eq!(counters.loaded_bytes(), LoadedBytes { read: 40, decompressed: 80 });
+    let loaded = Loaded { read: 40, decompressed: 80, reading: Duration::ZERO };
+    assert_eq!(counters.loaded(), loaded);
 }
 
 #[test]
@@ -126,7 +132,8 @@ fn threads_that_ask_for_one_brick_load_it_once() {
         }
     });
     assert_eq!(loader.loads.load(Ordering::Relaxed), 1);
-    assert!(counters.waited() >= Duration::from_millis(40), "all of them waited for it");
+    assert!(counters.waited() >= Duration::from_millis(45), "three waited for it, one for the file");
+    assert!(counters.worked() >= Duration::from_millis(15), "one prepared it");
 }
 
 #[test]

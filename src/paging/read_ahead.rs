@@ -17,10 +17,10 @@ impl<R: Request> ReadAhead<R> {
         (Self { requests }, receiver)
     }
 
-    /// Asks for a brick, unless `pool` holds it. Dropped when the readers are too busy: whoever
-    /// needs the brick then loads it.
+    /// Asks for a brick, unless `pool` holds it. When the readers are too busy it is announced and no
+    /// more: whoever needs the brick then loads it.
     pub fn request<L: Loader<Request = R>>(&self, pool: &Pool<'_, L>, request: R) {
-        if !self.requests.is_full() && !pool.holds(request.key()) {
+        if pool.announce(&request) && !self.requests.is_full() {
             // A queue that is full by now is no fault: whoever needs the brick loads it.
             let _ = self.requests.try_send(request);
         }

@@ -5,7 +5,7 @@ use super::shading::Shading;
 use super::steepness::Surveyor;
 use super::transfer_pieces::PieceList;
 use crate::cache::{BrickPlace, Cache, Decoder, FieldRecord, NodeRecord, RawBrick};
-use crate::paging::{LoadedBytes, Loader, Request};
+use crate::paging::{Loaded, Loader, Request};
 use crate::{Error, Result};
 
 /// A brick as the index describes it.
@@ -84,16 +84,21 @@ impl Loader for BrickLoader<'_> {
         ScaledBrick::new()
     }
 
+    fn announce(&self, request: &BrickRequest) {
+        self.cache.announce(&request.field);
+    }
+
     fn load(
         &self,
         request: &BrickRequest,
         scratch: &mut BrickScratch,
         brick: &mut ScaledBrick,
-    ) -> Result<LoadedBytes> {
+    ) -> Result<Loaded> {
         let BrickRequest { node, place, record, field, .. } = request;
         let BrickScratch { decoder, raw, surveyor } = scratch;
-        self.cache.read_brick(*node, record, self.shading.field, field, decoder, raw)?;
-        self.cache.check_place(*node, self.shading.field, place, raw)?;
+        let volume = self.shading.field;
+        let reading = self.cache.read_brick(*node, record, volume, field, decoder, raw)?;
+        self.cache.check_place(*node, volume, place, raw)?;
         let header = self.cache.header();
         let map = |stored: &[f32], x: &mut [f64]| self.shading.map_all(stored, x);
         brick.prepare(raw, place, header.shape, map, self.shading.interpolation)?;
@@ -101,9 +106,10 @@ impl Loader for BrickLoader<'_> {
             brick.survey(pieces, &self.shading.distance(record, field), surveyor);
         }
         let blocks = usize::from(field.parent_blocks) + 1;
-        Ok(LoadedBytes {
+        Ok(Loaded {
             read: u64::from(field.stored_bytes),
             decompressed: header.shape.payload_bytes(blocks) as u64,
+            reading,
         })
     }
 }

@@ -40,9 +40,14 @@ pub struct Stats {
     pub load_seconds: f64,
     /// Planning and drawing, with what is loaded meanwhile, seconds.
     pub render_seconds: f64,
-    /// Time that marching threads spent until bricks were there (reading and decoding what was
-    /// not read ahead, or waiting for it), seconds of all threads together.
+    /// Time that marching threads lost: waiting for the file, or for bricks that another thread was
+    /// loading, seconds of all threads together.
     pub wait_seconds: f64,
+    /// Time that marching threads spent on decoding and preparing bricks that no reader had come to,
+    /// seconds of all threads together.
+    pub own_loading_seconds: f64,
+    /// Time that the file took to deliver, seconds of all threads together, readers included.
+    pub read_seconds: f64,
     /// Largest resident set of the process so far; null where the system does not say.
     pub peak_rss_bytes: Option<u64>,
     /// The memory limit.
@@ -109,9 +114,11 @@ impl Stats {
         self.bricks_skipped_resolution = census.coarser;
         self.bricks_skipped_transparent = census.transparent;
         self.bricks_skipped_occluded = census.drawn.saturating_sub(self.bricks_loaded);
-        let bytes = counters.loaded_bytes();
-        (self.bytes_read, self.bytes_decompressed) = (bytes.read, bytes.decompressed);
+        let loaded = counters.loaded();
+        (self.bytes_read, self.bytes_decompressed) = (loaded.read, loaded.decompressed);
+        self.read_seconds = loaded.reading.as_secs_f64();
         self.wait_seconds = counters.waited().as_secs_f64();
+        self.own_loading_seconds = counters.worked().as_secs_f64();
     }
 
     /// `samples` are those of each level of the tree.

@@ -41,8 +41,10 @@ pub(super) struct Cost {
     pub(super) load_seconds: f64,
     /// Rendering, with what is loaded meanwhile, seconds.
     pub(super) render_seconds: f64,
-    /// Of that, what marching threads waited for bricks, all threads together, seconds.
+    /// Of that, what marching threads waited for the file or for other threads, all together, seconds.
     pub(super) wait_seconds: f64,
+    /// Of that, what marching threads spent on preparing bricks themselves, all together, seconds.
+    pub(super) own_loading_seconds: f64,
     /// Threads that march.
     pub(super) threads: usize,
     /// Tolerance as used, absolute.

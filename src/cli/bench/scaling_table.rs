@@ -68,6 +68,7 @@ fn of_view(View { name, cost, cpu_seconds }: &View) -> Columns {
         optional(named("cpu_seconds"), cpu_seconds.map(|s| format!("{s:.2}"))),
         column(named("open_seconds"), format!("{:.6}", cost.open_seconds)),
         column(named("wait_share"), format!("{:.4}", cost.wait_seconds / threads)),
+        column(named("own_loading_share"), format!("{:.4}", cost.own_loading_seconds / threads)),
         optional(named("peak_rss_bytes"), cost.peak_rss_bytes),
         column(named("bricks_loaded"), cost.bricks_loaded),
         column(named("bricks_reloaded"), cost.bricks_reloaded),
