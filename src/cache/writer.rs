@@ -19,7 +19,13 @@ pub struct Writer {
     file: AtomicFile,
     header_bytes: u64,
     end: u64,
+    /// What is to be written next: many payloads at a time, as each call costs and so does each page
+    /// of the file that is not written whole.
+    buffer: Vec<u8>,
 }
+
+/// Bytes from which on what waits is written.
+const BUFFERED: usize = 256 << 10;
 
 impl Writer {
     /// Begins the cache at `target` in `file`. `header` must have its final levels and fields:
@@ -29,8 +35,13 @@ impl Writer {
     /// What the system says.
     pub fn new(target: &Path, file: AtomicFile, header: &Header) -> Result<Self> {
         let header_bytes = header.to_bytes().len() as u64;
-        let mut writer =
-            Self { target: target.to_path_buf(), file, header_bytes, end: header_bytes };
+        let mut writer = Self {
+            target: target.to_path_buf(),
+            file,
+            header_bytes,
+            end: header_bytes,
+            buffer: Vec::new(),
+        };
         writer.seek(header_bytes)?;
         Ok(writer)
     }
@@ -85,6 +96,7 @@ impl Writer {
         header.page_table_checksum = checksum(&table.bytes);
         header.file_bytes =
             header.index_offset + header.index_pages * page_bytes + table.bytes.len() as u64;
+        self.flush()?;
         self.put_header(&mut header)?;
         self.file.commit()?;
         Ok(header)
@@ -110,9 +122,19 @@ impl Writer {
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<()> {
+        if self.buffer.len() + bytes.len() > BUFFERED {
+            self.flush()?;
+        }
+        self.buffer.extend_from_slice(bytes);
+        Ok(())
+    }
+
+    fn flush(&mut self) -> Result<()> {
         let mut file = self.file.file();
-        file.write_all(bytes)
-            .map_err(|source| Error::io(&self.target, "cannot write the cache", source))
+        file.write_all(&self.buffer)
+            .map_err(|source| Error::io(&self.target, "cannot write the cache", source))?;
+        self.buffer.clear();
+        Ok(())
     }
 }
 

@@ -59,7 +59,8 @@ impl<'l, L: Loader> Pool<'l, L> {
                 Found::Ready(brick) => return Ok(Pinned(brick)),
                 Found::Loading => clock = self.wait(clock),
                 Found::Absent => {
-                    let slot = clock.claim(key, || self.loader.new_brick()).ok_or_else(all_in_use)?;
+                    let slot =
+                        clock.claim(key, || self.loader.new_brick()).ok_or_else(all_in_use)?;
                     drop(clock);
                     return self.fill_for_use(request, slot, scratch).map(Pinned);
                 }

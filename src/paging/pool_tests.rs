@@ -132,7 +132,10 @@ fn threads_that_ask_for_one_brick_load_it_once() {
         }
     });
     assert_eq!(loader.loads.load(Ordering::Relaxed), 1);
-    assert!(counters.waited() >= Duration::from_millis(45), "three waited for it, one for the file");
+    assert!(
+        counters.waited() >= Duration::from_millis(45),
+        "three waited for it, one for the file"
+    );
     assert!(counters.worked() >= Duration::from_millis(15), "one prepared it");
 }
 
