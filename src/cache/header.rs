@@ -14,6 +14,8 @@ pub(super) const VERSION: u32 = 2;
 pub(super) const PREFIX_BYTES: usize = 24;
 /// Longest header.
 pub(super) const MAX_HEADER_BYTES: u32 = 16 << 20;
+/// Most fields of a cache.
+pub const MAX_FIELDS: usize = 1024;
 /// Largest power of two that scales a field; more is never needed to bring f64 into f32's range.
 const MAX_EXPONENT: u32 = 1000;
 /// Most averaged levels above the root grid: what 2²⁴ root cells and 8³ bricks need.
@@ -217,8 +219,9 @@ impl Header {
     /// Whether the parts agree with each other.
     fn check(&self) -> Result<(), String> {
         self.check_levels()?;
-        if self.fields.is_empty() || self.fields.len() > 1024 {
-            return Err(format!("it has {} fields, 1 to 1024 are supported", self.fields.len()));
+        if self.fields.is_empty() || self.fields.len() > MAX_FIELDS {
+            let fields = self.fields.len();
+            return Err(format!("it has {fields} fields, 1 to {MAX_FIELDS} are supported"));
         }
         if self.fields.iter().any(|field| field.exponent.unsigned_abs() > MAX_EXPONENT) {
             return Err("a field's scale is out of range".into());

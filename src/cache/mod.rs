@@ -20,7 +20,7 @@ mod writer;
 
 pub use brick::{Block, BrickPlace, BrickShape, RawBrick, state, visit_outside};
 pub use codec::{Decoder, Encoder};
-pub use header::{CachedField, Header, TreeLevel};
+pub use header::{CachedField, Header, MAX_FIELDS, TreeLevel};
 pub use index::{Cursor, WINDOW_BYTES};
 pub use reader::Cache;
 pub(crate) use record::EMPTY_RANGE;

@@ -30,7 +30,7 @@ mod upward;
 use std::path::Path;
 
 use crate::atomic_file::AtomicFile;
-use crate::cache::{BrickShape, CachedField, Header, TreeLevel};
+use crate::cache::{BrickShape, CachedField, Header, MAX_FIELDS, TreeLevel};
 use crate::source::Source;
 use crate::space::{Decimal, Domain, FRACTION_BITS, IndexBox, MAX_OCTREE_LEVEL};
 use crate::spelling::{nearest_first, position};
@@ -41,9 +41,9 @@ use build::Built;
 use cells::SourceCells;
 pub use cells::chunks;
 use complete::{Completion, Spare};
-use overlaps::Layout;
+use overlaps::{CUBE_EDGE, Layout};
 pub use plan::DEFAULT_MEMORY;
-use plan::Plan;
+use plan::{Plan, Shares};
 pub use progress::{Progress, Stage};
 
 /// What to ingest, and how.
@@ -105,21 +105,27 @@ pub fn ingest(
             target.display()
         )));
     }
+    if options.fields.len() > MAX_FIELDS {
+        return Err(Error::request(format!(
+            "{} fields are more than the {MAX_FIELDS} that a cache holds: choose fewer with --field",
+            options.fields.len()
+        )));
+    }
     in_pool(options.threads, || {
         let file = AtomicFile::create(target)?;
-        let survey = survey_in(source, directory, options, true, progress)?;
-        let header = survey.header;
+        let Survey { built, header, shares } =
+            survey_in(source, directory, options, true, progress)?;
         progress.begin(Stage::Write, header.nodes());
         let completion = Completion {
-            store: &survey.built.store,
-            batch: survey.plan.completion_batch(header.shape, header.fields.len()),
-            memory: survey.plan.stored_bricks,
+            store: &built.store,
+            batch: shares.completed,
+            memory: shares.stored_bricks,
             scratch: Spare::default(),
             header,
             target,
             directory,
         };
-        completion.run(file, progress)
+        within(shares.threads, || completion.run(file, progress))
     })
 }
 
@@ -155,11 +161,16 @@ pub fn in_pool<T: Send>(
     pool.install(run)
 }
 
+/// Runs `run` on `threads` threads of those there are.
+fn within<T: Send>(threads: usize, run: impl FnOnce() -> Result<T> + Send) -> Result<T> {
+    if threads < rayon::current_num_threads() { in_pool(Some(threads), run) } else { run() }
+}
+
 /// Passes 1 and 2.
 struct Survey {
     built: Built,
     header: Header,
-    plan: Plan,
+    shares: Shares,
 }
 
 fn survey_in(
@@ -173,13 +184,10 @@ fn survey_in(
     let fields = choose_fields(source, &options.fields)?;
     let plan = Plan::new(options.memory)?;
     progress.begin(Stage::Hierarchy, 0);
-    let layout = overlaps::lay_out(source, fields[0], options.max_level, directory, plan.sort)?;
-    let shape = match options.brick {
-        Some(edge) => BrickShape::new(edge)?,
-        None => overlaps::choose_shape(layout.cubes)?,
-    };
+    let layout = overlaps::lay_out(source, fields[0], options.max_level, directory, plan.sort())?;
+    let (shape, shares) = choose_shape(&layout, options.brick, &plan, fields.len())?;
     let assembler = Assembler {
-        cells: SourceCells::new(source, &layout.grids, &fields, plan.source_cells),
+        cells: SourceCells::new(source, &layout.grids, &fields, shares.source_cells),
         shape,
         root_cells: hierarchy.domain.root_cells(),
         fields: fields.len(),
@@ -188,11 +196,35 @@ fn survey_in(
         keeps_cells: keep_cells,
     };
     progress.begin(Stage::Cells, layout.cubes[shape.edge().trailing_zeros() as usize - 3]);
-    let batch = plan.assembly_batch(shape, fields.len());
-    let domain = &hierarchy.domain;
-    let built = build::build(&layout, &assembler, domain, directory, batch, progress)?;
+    let (batch, domain) = (shares.assembled, &hierarchy.domain);
+    let built = within(shares.threads, || {
+        build::build(&layout, &assembler, domain, directory, batch, progress)
+    })?;
     let header = header(source, &fields, shape, &layout, &built);
-    Ok(Survey { built, header, plan })
+    Ok(Survey { built, header, shares })
+}
+
+/// Bricks of the edge that is asked for, or else that costs least; smaller ones where memory has no
+/// room for these.
+fn choose_shape(
+    layout: &Layout,
+    asked: Option<u32>,
+    plan: &Plan,
+    fields: usize,
+) -> Result<(BrickShape, Shares)> {
+    let threads = rayon::current_num_threads();
+    if let Some(edge) = asked {
+        let shape = BrickShape::new(edge)?;
+        return Ok((shape, plan.shares(threads, shape, fields)?));
+    }
+    let mut shape = overlaps::choose_shape(layout.cubes)?;
+    loop {
+        match plan.shares(threads, shape, fields) {
+            Ok(shares) => return Ok((shape, shares)),
+            Err(_) if shape.edge() > CUBE_EDGE as usize => shape = shape.coarser(),
+            Err(error) => return Err(error),
+        }
+    }
 }
 
 fn choose_fields(source: &dyn Source, names: &[String]) -> Result<Vec<usize>> {

@@ -7,55 +7,154 @@ use crate::{Error, Result};
 
 /// The limit where none is given: 1 GiB.
 pub const DEFAULT_MEMORY: u64 = 1 << 30;
-/// The smallest limit: a few chunks of source cells and bricks for each thread.
-const SMALLEST: u64 = 64 << 20;
+/// The smallest limit.
+const SMALLEST: usize = 64 << 20;
+/// More than this speeds nothing up.
+const LARGEST: usize = 4 << 30;
+/// Bytes for what grows with neither bricks nor threads: buffers, codecs, the source's library, and
+/// what the allocator keeps.
+const REST: usize = 24 << 20;
+/// Bytes of source cells that a thread holds while it reads: a chunk, and what becomes of it.
+const READING: usize = 2 * CHUNK_BYTES;
+/// Bytes of source cells that are kept at least.
+const FEWEST_SOURCE_CELLS: usize = 4 * CHUNK_BYTES;
+/// Bricks that are worked on at a time, at least and at most.
+const FEWEST_BRICKS: usize = 2;
+const MOST_BRICKS: usize = 1024;
 
-/// Shares of a memory limit. Passes follow each other, so each may use most of it: half for the
-/// pass' cache, a quarter for the bricks being worked on, and a quarter for everything else
-/// (sorting, buffers, codecs, the source's library, the allocator).
+/// A memory limit, of which pass 1 takes its share before the bricks are known. Passes follow each
+/// other, so each may use most of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Plan {
-    /// Bytes for sorting (pass 1).
-    pub(super) sort: usize,
+    memory: usize,
+}
+
+/// What passes 2 and 3 do with a memory limit: a third at most for the pass' cache, a sixth or more
+/// for the bricks being worked on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Shares {
+    /// Threads for which there is room.
+    pub(super) threads: usize,
     /// Bytes of source cells (pass 2).
     pub(super) source_cells: usize,
     /// Bytes of stored bricks (pass 3).
     pub(super) stored_bricks: usize,
-    /// Bytes of bricks being worked on.
-    working: usize,
+    /// Bricks to assemble at a time (pass 2).
+    pub(super) assembled: usize,
+    /// Bricks to complete at a time (pass 3).
+    pub(super) completed: usize,
 }
 
 impl Plan {
-    /// Divides `memory` bytes.
+    /// A plan for `memory` bytes.
+    ///
+    /// # Errors
+    /// A limit in which no ingest works.
     pub(super) fn new(memory: u64) -> Result<Self> {
+        let memory = usize::try_from(memory).unwrap_or(usize::MAX).min(LARGEST);
         if memory < SMALLEST {
             return Err(Error::request(format!(
                 "--memory is too small for ingest: the smallest limit that works is {}MiB",
                 SMALLEST >> 20
             )));
         }
-        let memory = usize::try_from(memory).unwrap_or(usize::MAX);
-        // More than this speeds nothing up.
-        let memory = memory.min(4 << 30);
-        Ok(Self {
-            sort: memory / 8,
-            source_cells: (memory / 3).max(4 * CHUNK_BYTES),
-            stored_bricks: memory / 3,
-            working: memory / 6,
+        Ok(Self { memory })
+    }
+
+    /// Bytes for sorting (pass 1).
+    pub(super) fn sort(&self) -> usize {
+        self.memory / 8
+    }
+
+    /// Divides what there is among at most `threads` threads that work on bricks of `shape` with
+    /// `fields` fields.
+    ///
+    /// # Errors
+    /// A limit that is too small for one thread.
+    pub(super) fn shares(
+        &self,
+        threads: usize,
+        shape: BrickShape,
+        fields: usize,
+    ) -> Result<Shares> {
+        let memory = self.memory;
+        let (assembly, completion) =
+            (assembly_bytes(shape, fields), completion_bytes(shape, fields));
+        let each = assembly.max(completion);
+        let bricks = FEWEST_BRICKS.saturating_mul(each);
+        let least = bricks.saturating_add(REST + READING + FEWEST_SOURCE_CELLS);
+        if least > memory {
+            return Err(Error::request(format!(
+                "--memory is too small for {fields} fields in bricks of {}³: the smallest limit that \
+                 works is {}MiB; fewer --field or a smaller --brick take less",
+                shape.edge(),
+                least.div_ceil(1 << 20)
+            )));
+        }
+        let working = bricks.max(memory / 6);
+        let left = memory.saturating_sub(REST + working);
+        // One thread is in what is least.
+        let threads = (1 + left / (READING + each)).clamp(1, threads.max(1));
+        let cache = (memory / 3).min(left.saturating_sub(threads * READING));
+        Ok(Shares {
+            threads,
+            source_cells: cache.max(FEWEST_SOURCE_CELLS),
+            stored_bricks: cache,
+            assembled: (working / assembly).clamp(FEWEST_BRICKS, MOST_BRICKS),
+            completed: (working / completion).clamp(FEWEST_BRICKS, MOST_BRICKS),
         })
     }
+}
 
-    /// Bricks to assemble at a time: each holds its children's averages, a draft and the result;
-    /// results of as many wait to be written, and averages for as many have been read.
-    pub(super) fn assembly_batch(&self, shape: BrickShape, fields: usize) -> usize {
-        let averages = fields * 17 * shape.cells();
-        let each = 3 * averages + 2 * BrickStore::brick_bytes(shape, fields);
-        (self.working / each).clamp(2, 1024)
+/// What a brick takes while it is assembled: its children's averages, a draft and the result;
+/// results of as many wait to be written, and averages for as many have been read.
+fn assembly_bytes(shape: BrickShape, fields: usize) -> usize {
+    let averages = fields.saturating_mul(17 * shape.cells());
+    let stored = fields.saturating_mul(BrickStore::brick_bytes(shape, 1));
+    averages.saturating_mul(3).saturating_add(stored.saturating_mul(2))
+}
+
+/// What a brick takes while it is completed: a stored brick beside it, and its payloads, while those
+/// of as many are written.
+fn completion_bytes(shape: BrickShape, fields: usize) -> usize {
+    let stored = BrickStore::brick_bytes(shape, 1);
+    let payloads = 2 * (shape.payload_bytes(3) + (4 << 10));
+    fields.saturating_mul(stored + payloads)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn many_fields_leave_room_for_fewer_threads_and_at_last_for_none() {
+        let plan = Plan::new(64 << 20).unwrap();
+        let shape = BrickShape::new(16).unwrap();
+        let threads = |fields| plan.shares(64, shape, fields).map(|shares| shares.threads).ok();
+        assert!(threads(1) > threads(40), "{:?} {:?}", threads(1), threads(40));
+        assert!(threads(40) < Some(4), "{:?}", threads(40));
+        assert_eq!(threads(1000), None);
+        let roomy = Plan::new(8 << 30).unwrap();
+        assert_eq!(roomy.shares(64, shape, 1).unwrap().threads, 64);
     }
 
-    /// Bricks to complete at a time: each holds its stored payloads, while as many are written.
-    pub(super) fn completion_batch(&self, shape: BrickShape, fields: usize) -> usize {
-        let each = 2 * (fields * shape.payload_bytes(3) + (4 << 10));
-        (self.working / each).clamp(2, 1024)
+    #[test]
+    fn shares_stay_within_the_limit() {
+        for (memory, edge, fields) in [(64, 8, 1), (64, 16, 40), (256, 32, 30), (4096, 32, 300)] {
+            let (plan, shape) = (Plan::new(memory << 20).unwrap(), BrickShape::new(edge).unwrap());
+            let shares = plan.shares(64, shape, fields).unwrap();
+            let assembly = assembly_bytes(shape, fields) * shares.assembled + shares.source_cells;
+            let completion =
+                completion_bytes(shape, fields) * shares.completed + shares.stored_bricks;
+            for pass in [assembly, completion] {
+                assert!(pass + shares.threads * READING <= plan.memory, "{shares:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn no_number_of_fields_overflows() {
+        let (plan, shape) = (Plan::new(u64::MAX).unwrap(), BrickShape::new(32).unwrap());
+        assert!(plan.shares(1, shape, usize::MAX).is_err());
     }
 }
