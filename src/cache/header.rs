@@ -121,7 +121,7 @@ impl Header {
         self.levels.iter().map(|level| level.nodes).sum()
     }
 
-    /// Position in `levels` of node `index`' level.
+    /// Position in `levels` of the level of brick `node`.
     pub fn level_of(&self, node: u64) -> usize {
         self.levels.partition_point(|level| level.first_node <= node).saturating_sub(1)
     }

@@ -72,12 +72,15 @@ impl Index {
         if windows.mapped.len() >= windows.limit && !windows.evict() {
             return Err(Error::request("all index windows are in use: raise --memory"));
         }
-        let first_page = number * PAGES_PER_WINDOW;
+        let first_page = number.saturating_mul(PAGES_PER_WINDOW);
         let pages = PAGES_PER_WINDOW.min(header.index_pages.saturating_sub(first_page));
+        if pages == 0 {
+            return Err(Error::invalid(self.path.display(), "a brick beyond the index"));
+        }
         let failed = |source| Error::io(&self.path, "cannot map the index", source);
         let offset = header.index_offset + first_page * PAGE_BYTES as u64;
         let length = pages * PAGE_BYTES as u64;
-        if pages == 0 || self.file.metadata().map_err(failed)?.len() < offset + length {
+        if self.file.metadata().map_err(failed)?.len() < offset + length {
             return Err(Error::invalid(self.path.display(), "the cache was truncated while open"));
         }
         let length = usize::try_from(length).unwrap_or(0);

@@ -9,7 +9,7 @@ pub struct NodeRecord {
     /// Index of the first child; children of a node lie one after another, in the order of the
     /// set bits of `child_mask`. 0 without children.
     pub first_child: u64,
-    /// Index of the parent; the root's own for the root.
+    /// Index of the parent; 0 for the root.
     pub parent: u64,
     /// Number of bricks beneath this one.
     pub descendants: u64,
@@ -67,13 +67,13 @@ impl NodeRecord {
     }
 }
 
-/// What the index says of one field in a brick. Values are as stored: the field's value is
+/// What the index says of one field in a brick. Ranges are of values as stored: the field's value is
 /// `stored · 2^exponent` with the exponent of [`super::CachedField`].
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct FieldRecord {
     /// Where the payload lies in the file.
     pub offset: u64,
-    /// Checksum of the payload's stored bytes and the brick's index.
+    /// Checksum of the payload's stored bytes, and of the brick's and the field's number.
     pub checksum: u64,
     /// Stored (compressed) bytes; 0 where there is no payload ([`Self::is_void`]).
     pub stored_bytes: u32,
@@ -83,7 +83,8 @@ pub struct FieldRecord {
     /// [min, max] that encloses what the interpolant takes in the box at any level from this
     /// one down. NaN cells are not in it.
     pub tree: [f32; 2],
-    /// Bound of |own interpolant − finest interpolant| in the box, unscaled values.
+    /// Bound of |own interpolant − finest interpolant| in the box, in units of the field's value (the
+    /// exponent applied).
     pub residual_linear: f32,
     /// The same for interpolants of log10 of the field's value (floored as the contract says).
     pub residual_log10: f32,
@@ -106,6 +107,12 @@ impl FieldRecord {
     /// Whether there is nothing to draw in the box at any level, and no payload.
     pub fn is_void(&self) -> bool {
         self.flags & Self::VOID != 0
+    }
+
+    /// Whether no payload is named, and nothing that one would hold.
+    fn is_of_nothing(&self) -> bool {
+        let place = (self.offset, self.checksum, self.stored_bytes, self.parent_blocks);
+        place == (0, 0, 0, 0) && self.own == EMPTY_RANGE && self.tree == EMPTY_RANGE
     }
 
     /// Whether what is said of the box at any level takes in what is said of a child's.
@@ -155,7 +162,8 @@ impl FieldRecord {
         let enclosed = record.tree[0] <= record.own[0] && record.own[1] <= record.tree[1];
         let ordered = record.own[0] <= record.own[1] || record.own == EMPTY_RANGE;
         let residuals = record.residual_linear >= 0.0 && record.residual_log10 >= 0.0;
-        (tail && enclosed && ordered && residuals).then_some(record)
+        let void = !record.is_void() || record.is_of_nothing();
+        (tail && enclosed && ordered && residuals && void).then_some(record)
     }
 }
 

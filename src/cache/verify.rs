@@ -16,7 +16,7 @@ const LISTED: usize = 1000;
 /// One damaged place.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Damage {
-    /// The simulation-side octree level of the brick, if a brick is damaged.
+    /// The octree level of the brick, if a brick is damaged.
     pub octree: Option<i32>,
     /// The field concerned; none where all are.
     pub field: Option<usize>,

@@ -1,4 +1,5 @@
-//! The room of the memory map: the only unsafe code of the crate.
+//! The room of the memory map: one of the crate's two rooms of unsafe code (the other is
+//! `lanes/x86.rs`).
 
 use std::fs::File;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -66,16 +66,19 @@ impl Steps<'_> {
         let program = std::env::current_exe()
             .map_err(|source| Error::io("deepfield", "cannot find this program", source))?;
         let started = Instant::now();
-        let status = Command::new(&program)
+        let ended = Command::new(&program)
             .args(words)
             .current_dir(self.directory)
-            .stdout(std::process::Stdio::null())
-            .status()
+            .output()
             .map_err(|source| Error::io(&program, "cannot start", source))?;
         let line = format!("deepfield {}", words.join(" "));
-        if !status.success() {
-            return Err(Error::request(format!("`{line}` failed: see above")));
+        let said = String::from_utf8_lossy(&ended.stderr);
+        if !ended.status.success() {
+            let reason = said.trim().trim_start_matches("error: ");
+            return Err(Error::request(format!("`{line}` failed: {reason}")));
         }
+        // Warnings.
+        eprint!("{said}");
         self.rows.push(format!("{:7.2} s  {line}", started.elapsed().as_secs_f64()));
         Ok(())
     }

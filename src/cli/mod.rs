@@ -82,8 +82,8 @@ fn report(error: &Error) -> ExitCode {
     if output::is_closed_pipe(error) {
         return ExitCode::SUCCESS;
     }
-    let line = error.to_string();
-    let line: Vec<&str> = line.split_whitespace().collect();
-    eprintln!("error: {}", line.join(" "));
+    // One line, whatever names or other programs' messages in it hold.
+    let line = error.to_string().replace(char::is_control, " ");
+    eprintln!("error: {}", line.trim());
     ExitCode::FAILURE
 }

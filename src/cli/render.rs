@@ -13,7 +13,7 @@ use crate::cache::{Cache, Cursor};
 use crate::image::{Format, write_exr, write_png};
 use crate::render::stats::Stats;
 use crate::render::{FixedSetting, RenderOptions, Rendered, render};
-use crate::scene::{Samples, Scene, Tolerance};
+use crate::scene::{MAX_SAMPLES_PER_AXIS, Samples, Scene, Tolerance};
 use crate::{Error, Result};
 
 #[derive(Debug, Args)]
@@ -85,7 +85,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
-/// Three numbers ≥ 0, the second a whole one that [`Samples`] can be.
+/// Two numbers ≥ 0, and between them a whole one that [`Samples`] can be.
 fn parse_fixed(text: &str) -> Result<FixedSetting, String> {
     let number = |text: &str| text.parse().ok().filter(|n: &f64| n.is_finite() && *n >= 0.0);
     if let [pixels, rays, accuracy] = text.split(',').map(str::trim).collect::<Vec<_>>()[..]
@@ -94,7 +94,10 @@ fn parse_fixed(text: &str) -> Result<FixedSetting, String> {
     {
         return Ok(FixedSetting { pixels_per_cell, rays_per_axis, relative_accuracy });
     }
-    Err("a fixed setting is three numbers ≥ 0, as in `1,3,0.001`".to_owned())
+    Err(format!(
+        "a fixed setting is PIXELS ≥ 0, RAYS (a whole number from 1 to {MAX_SAMPLES_PER_AXIS}) and \
+         ACCURACY ≥ 0, as in `1,3,0.001`"
+    ))
 }
 
 /// Says so where the tolerance is not kept.
@@ -106,9 +109,23 @@ fn warn_of_bound(stats: &Stats) {
         let likely = stats.error_estimate.unwrap_or(bound);
         eprintln!(
             "warning: pixels may be off by {bound:.2e}, more than the tolerance of {:.2e} (by \
-             {likely:.2e} in all likelihood): ask for a larger --tolerance or for --samples N",
-            stats.tolerance
+             {likely:.2e} in all likelihood): ask for a larger --tolerance{}",
+            stats.tolerance,
+            other_advice(stats)
         );
+    }
+}
+
+/// What else would bring the bound down, by what makes most of it.
+fn other_advice(stats: &Stats) -> &'static str {
+    let shares = stats.error_shares.unwrap_or_default();
+    let rest = shares.total() - shares.storage - shares.pixel_area;
+    if shares.pixel_area >= rest.max(shares.storage) {
+        " or for --samples N"
+    } else if shares.storage >= rest {
+        ", ingest without --error, or draw with a transfer function that is less steep"
+    } else {
+        ""
     }
 }
 

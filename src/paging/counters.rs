@@ -81,7 +81,7 @@ impl Counters {
         time(&self.worked_nanoseconds)
     }
 
-    pub(super) fn count_load(&self, key: u64, level: usize, loaded: &Loaded) {
+    pub(crate) fn count_load(&self, key: u64, level: usize, loaded: &Loaded) {
         self.bytes_read.fetch_add(loaded.read, Ordering::Relaxed);
         self.bytes_decompressed.fetch_add(loaded.decompressed, Ordering::Relaxed);
         add(&self.reading_nanoseconds, loaded.reading);

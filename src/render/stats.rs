@@ -110,9 +110,16 @@ impl Stats {
         self.bricks_in_view = total.saturating_sub(census.out_of_view);
         self.bricks_loaded = counters.distinct();
         self.bricks_reloaded = counters.reloaded();
-        self.bricks_covered = census.covered;
-        self.bricks_skipped_resolution = census.coarser;
-        self.bricks_skipped_transparent = census.transparent;
+        // Where tiles are drawn again with a finer cut, bricks are loaded that the first one left out.
+        let mut finer = self.bricks_loaded.saturating_sub(census.drawn);
+        let mut rest = |bricks: u64| {
+            let loaded = finer.min(bricks);
+            finer -= loaded;
+            bricks - loaded
+        };
+        self.bricks_skipped_resolution = rest(census.coarser);
+        self.bricks_covered = rest(census.covered);
+        self.bricks_skipped_transparent = rest(census.transparent);
         self.bricks_skipped_occluded = census.drawn.saturating_sub(self.bricks_loaded);
         let loaded = counters.loaded();
         (self.bytes_read, self.bytes_decompressed) = (loaded.read, loaded.decompressed);
@@ -150,6 +157,7 @@ fn shown_level(levels: &[TreeLevel], index: usize) -> i64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::paging::Loaded;
 
     #[test]
     fn levels_are_the_simulations() {
@@ -166,5 +174,27 @@ mod tests {
         let levels: Vec<_> = (-2..5).zip(simulation).map(|(o, s)| level(o, s)).collect();
         let shown: Vec<i64> = (0..7).map(|index| shown_level(&levels, index)).collect();
         assert_eq!(shown, [-2, -1, 0, 1, 2, 2, 3]);
+    }
+
+    #[test]
+    fn bricks_that_a_finer_cut_loads_count_once() {
+        let counters = Counters::new(100, 1);
+        let census = Census { coarser: 40, covered: 5, drawn: 10, ..Census::default() };
+        let counted = |loaded: u64| {
+            for key in counters.distinct()..loaded {
+                counters.count_load(key, 0, &Loaded::default());
+            }
+            let mut stats = Stats::default();
+            stats.set_bricks(60, &census, &counters);
+            [
+                stats.bricks_loaded,
+                stats.bricks_skipped_occluded,
+                stats.bricks_skipped_resolution,
+                stats.bricks_covered,
+            ]
+        };
+        assert_eq!(counted(8), [8, 2, 40, 5]);
+        assert_eq!(counted(30), [30, 0, 20, 5]);
+        assert_eq!(counted(52), [52, 0, 0, 3]);
     }
 }

@@ -33,8 +33,8 @@ impl Domain {
     /// A domain from its edges in code length and the root grid's cells along each axis.
     ///
     /// # Errors
-    /// Edges that are not finite or not in order, and root grids without cells or with more
-    /// than [`MAX_ROOT_CELLS`] along an axis.
+    /// Edges that are not finite or not in order, root grids without cells or with more than
+    /// [`MAX_ROOT_CELLS`] along an axis, and root cells whose width is not within 1e-100 to 1e100.
     pub fn new(left: [f64; 3], right: [f64; 3], root_cells: [u64; 3]) -> Result<Self> {
         for a in 0..3 {
             let axis = ["x", "y", "z"][a];

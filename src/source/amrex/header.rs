@@ -100,11 +100,12 @@ impl Header {
         let stated = lines.parse("the refinement ratios", numbers)?;
         let extents = extents(&mut lines, finest + 1)?;
         let factors = factors(&extents, &stated).map_err(|reason| lines.fault(&reason))?;
-        let invalid = |e: Error| Error::not_supported(path.display(), e.to_string());
-        let levels = Levels::from_factors(&factors).map_err(invalid)?;
+        let levels = Levels::from_factors(&factors)
+            .map_err(|error| Error::not_supported(path.display(), error.to_string()))?;
         let root = extents.first().map_or([0; 3], IndexBox::size);
         let root = root.map(|cells| u64::try_from(cells).unwrap_or(0));
-        let domain = Domain::new(left, right, root).map_err(invalid)?;
+        let domain = Domain::new(left, right, root)
+            .map_err(|error| Error::invalid(path.display(), error.to_string()))?;
         lines.expect("the steps")?;
         for _ in 0..=finest {
             lines.expect("the cells' widths")?;
