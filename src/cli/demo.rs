@@ -120,6 +120,10 @@ fn table(header: &Header, directory: &Path, output: &mut Output) -> Result<()> {
     line("peak memory", &|s| size::show(s["peak_rss_bytes"].as_u64().unwrap_or(0)))?;
     line("bricks in the cache", &count("bricks_total"))?;
     line("bricks read", &count("bricks_loaded"))?;
+    line("drawn by finer bricks", &count("bricks_covered"))?;
+    let number = |stats: &Value, key| stats[key].as_u64().unwrap_or(0);
+    let beside = |s: &Value| number(s, "bricks_total").saturating_sub(number(s, "bricks_in_view"));
+    line("skipped: out of view", &|stats| beside(stats).to_string())?;
     line("skipped: too fine to see", &count("bricks_skipped_resolution"))?;
     line("skipped: transparent", &count("bricks_skipped_transparent"))?;
     line("skipped: needed by no ray", &count("bricks_skipped_occluded"))?;

@@ -1,8 +1,8 @@
 //! Simulation output → brick cache, in three passes and within a memory limit:
 //!
-//! 1. [`overlaps`] reads boxes only and sorts which grids lie in which bricks;
-//! 2. [`build`] assembles bricks from the finest level to the root, averaging children;
-//! 3. [`complete`] adds ghosts and ancestors' blocks, compresses, and writes the index.
+//! 1. `overlaps.rs` reads boxes only and sorts which grids lie in which bricks;
+//! 2. `build.rs` assembles bricks from the finest level to the root, averaging children;
+//! 3. `complete.rs` adds ghosts and ancestors' blocks, compresses, and writes the index.
 //!
 //! Between passes everything lies in nameless temporary files beside the target.
 

@@ -180,7 +180,7 @@ impl Rung {
     }
 }
 
-/// `sum` + (weight[0] + weight[1]·s) · (`level` − `sum`).
+/// `sum` + `(weight[0] + weight[1]·s) · (level − sum)`.
 #[inline]
 fn blend_in<const N: usize>(sum: &mut [f64; N], level: &[f64; 4], weight: [f64; 2]) {
     let mut lower = 0.0;

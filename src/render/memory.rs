@@ -14,7 +14,7 @@ use crate::paging::{Budget, Counters, MEBIBYTE, Pool, Reservation};
 use crate::scene::Interpolation;
 use crate::{Error, Result};
 
-/// Stack of every thread, bytes; [`STACK_TOUCHED`] of it at most become resident.
+/// Stack of every thread, bytes; `STACK_TOUCHED` of it at most become resident.
 pub const STACK_BYTES: usize = 2 << 20;
 /// What a thread uses of its stack, and its allocator's own, bytes.
 const STACK_TOUCHED: u64 = 256 << 10;

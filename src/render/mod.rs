@@ -3,8 +3,8 @@
 //!
 //! [`render`] is the way in. A picture is planned first: [`memory`] divides the limit, [`cut`]
 //! says where the descent ends, and one walk of the index ([`tree_walk`]) counts what the picture
-//! will need ([`census`]). Then [`picture`] draws tiles: each walks the tree for its rays
-//! ([`rays`], [`tile`]), a few steps ahead of the march so that bricks can be read ahead
+//! will need ([`census`]). Then `picture.rs` draws tiles: each walks the tree for its rays
+//! ([`rays`], `tile.rs`), a few steps ahead of the march so that bricks can be read ahead
 //! ([`load`]). [`view`] and [`frame`] hold the exact camera, [`march`] a ray's way through a
 //! brick.
 

@@ -1,7 +1,7 @@
 //! Synthetic AMR data sets, written from recipes in the layouts of simulation codes.
 //!
 //! A [`Recipe`] (TOML; `datasets_synthetic/` holds examples) gives a domain, a density model
-//! ([`DensityModel`]), rules for refinement ([`Grids`]) and the layout, one of [`LAYOUTS`]. Enzo's
+//! ([`DensityModel`]), rules for refinement ([`Grids`]) and the layout, one of `LAYOUTS`. Enzo's
 //! grids are written in batches, so memory depends on the largest grid and the deepest level;
 //! layouts that list grids level by level ([`batches`]) keep their boxes as well, and trees of
 //! blocks ([`tree`]) are built in memory.

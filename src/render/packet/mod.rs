@@ -1,12 +1,33 @@
 //! The march of several rays at once through one brick, in f32.
 //!
-//! Each ray walks from dual cell to dual cell. Within one, the interpolant at two Gauss–Legendre
-//! nodes of each of a few equal parts gives emission and extinction by table; the optical depth
-//! up to a node is that of extinction linear between the nodes. A cell beside a border of levels
-//! is cut where the weight of its level bends ([`blended`]). What that may be off by is graded
-//! per group of cells ([`crate::render::grade`]); rays stop before cells that are not fit for it. All
-//! numbers are the brick's own, near 1: lengths in cells, light relative to the transfer
-//! function's largest. Where cells are constant, rays walk through the cells themselves ([`cells`]).
+//! Each ray walks from dual cell to dual cell ([`walk`]), from crossing to crossing as sums of two f32
+//! ([`long`]), so that cells at its end are placed as exactly as those at its beginning. Where rays come into the
+//! brick is worked out before, in f64 (`march_packets/seats.rs`). Within a cell the interpolant
+//! ([`cube`]) at two Gauss–Legendre nodes gives emission and extinction by table ([`shade`],
+//! [`crate::render::transfer_table`]): bins with two lines each, which meet at a corner of the transfer
+//! function. The optical depth up to a node is that of extinction linear between the nodes
+//! ([`gain`]). A cell beside a border of levels is cut where the weight of its level bends, and
+//! blended at the nodes ([`blended`]).
+//!
+//! Nothing searches for bends of the transfer function. What passing over them may cost is bounded from
+//! the values met and from how the interpolant bends along the ray ([`bends`]); where that is more
+//! than a cell's share, the way through it is passed again in more parts ([`sums`]). Few rays
+//! need that at a time, so their parts are dealt to all lanes: what each shows is worked out side
+//! by side, depths in front of parts are summed in order, and what they gather is collected in their
+//! rays' lanes ([`deal`]).
+//!
+//! Where rays stand for squares of pixels, their account is kept in lanes too ([`square`]; its twin for
+//! single rays is `render/ledger.rs`, and tests hold both to all rays of a square). A ray behind which no
+//! more than its share of the tolerance can follow stops inside the brick. What rounding may do
+//! is graded per group of cells ([`crate::render::grade`]; kept with bricks that areas pass many times,
+//! `grade/kept.rs`); rays stop before cells that are not fit for it. All numbers are the brick's
+//! own, near 1: lengths in cells, light relative to the transfer function's largest.
+//!
+//! Where cells are constant, rays walk through the cells themselves ([`cells`]). What a cell emits and
+//! absorbs is known from when its brick was loaded (`render/cell_shades.rs`). A crossing from one to
+//! the next may be off in f32: it counts with what both emit and absorb, dimmed by what lies behind it in
+//! them, so that opaque surfaces cost little; where the order of two is in doubt, with the most of the group
+//! around.
 //!
 //! No closures here, nor what takes them: they are functions of their own, compiled without the
 //! lanes' instructions.

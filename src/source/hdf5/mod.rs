@@ -1,7 +1,7 @@
 //! HDF5 files behind one small interface: the one place that knows an HDF5 library.
 //!
 //! The library is `hdf5-reader` (pure Rust), or the C library with the feature `libhdf5`. Both
-//! return the same values; a file's claims never make either reserve more than [`READ_VALUES`]
+//! return the same values; a file's claims never make either reserve more than `READ_VALUES`
 //! at a time or what the file really holds.
 
 #[cfg(feature = "libhdf5")]
