@@ -3,6 +3,7 @@
 use super::brick::{Block, BrickPlace, RawBrick, state};
 use super::header::Header;
 use super::record::{FieldRecord, NodeRecord};
+use crate::space::cells_at;
 
 /// Whether a decoded payload is what its records say.
 pub(super) fn check_brick(
@@ -70,13 +71,6 @@ pub(super) fn marks_outside(header: &Header, place: &BrickPlace, brick: &RawBric
         });
         block_marks_outside(block, inside)
     })
-}
-
-/// Cells of a domain of `root` root cells along an axis, counted at octree level `octree`; those
-/// that it only touches are included.
-fn cells_at(octree: i32, root: u64) -> i128 {
-    let (root, steps) = (i128::from(root), octree.unsigned_abs().min(100));
-    if octree >= 0 { root << steps } else { -(-root >> steps) }
 }
 
 /// The same for one block, in which `inside` are the first cell of the domain and the first one

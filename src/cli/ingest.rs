@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::ingest_stats::Stopwatch;
 use super::progress::Bar;
+use super::stats_file::write_stats;
 use super::{output::Output, size};
 use crate::cache::Header;
 use crate::derive::Derived;
@@ -75,7 +76,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut hear = |stage| stopwatch.hear(stage);
     let header = ingest_with_bar(&source, &arguments.output, &options, &mut hear)?;
     if let Some(path) = &arguments.stats {
-        stopwatch.stop(&source, options.memory, &header)?.write(path)?;
+        write_stats(path, &stopwatch.stop(&source, options.memory, &header)?)?;
     }
     report(&header, arguments)
 }

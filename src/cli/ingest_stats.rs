@@ -1,12 +1,9 @@
 //! What an ingest took, for `ingest --stats`.
 
-use std::io::Write;
-use std::path::Path;
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use crate::atomic_file::AtomicFile;
 use crate::cache::Header;
 use crate::ingest::Stage;
 use crate::paging::peak_rss_bytes;
@@ -103,20 +100,4 @@ fn size_of_files(source: &dyn Source) -> Result<u64> {
         metadata.map(|m| m.len()).map_err(|e| Error::io(path, "cannot read the size", e))
     };
     source.data_files()?.iter().map(size).sum()
-}
-
-impl IngestStats {
-    /// Writes the stats as JSON.
-    ///
-    /// # Errors
-    /// What the system says.
-    pub(super) fn write(&self, path: &Path) -> Result<()> {
-        let text = serde_json::to_string_pretty(self)
-            .map_err(|error| Error::request(format!("cannot write the stats: {error}")))?;
-        let file = AtomicFile::create(path)?;
-        file.file()
-            .write_all((text + "\n").as_bytes())
-            .map_err(|source| Error::io(path, "cannot write the stats", source))?;
-        file.commit()
-    }
 }

@@ -14,6 +14,7 @@ mod probe;
 mod progress;
 mod render;
 mod size;
+mod stats_file;
 mod synth;
 mod verify;
 

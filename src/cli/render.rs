@@ -1,14 +1,13 @@
 //! `deepfield render`.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
 
 use super::progress::Bar;
+use super::stats_file::{json, write_stats};
 use super::{expressions, size};
-use crate::atomic_file::AtomicFile;
 use crate::cache::{Cache, Cursor};
 use crate::image::{Format, write_exr, write_png};
 use crate::render::stats::Stats;
@@ -165,18 +164,4 @@ fn write_picture(
             write_exr(path, film, &attributes, rendered.writers)
         }
     }
-}
-
-fn json(stats: &Stats) -> Result<String> {
-    serde_json::to_string_pretty(stats)
-        .map_err(|error| Error::request(format!("cannot write the stats: {error}")))
-}
-
-fn write_stats(path: &Path, stats: &Stats) -> Result<()> {
-    let file = AtomicFile::create(path)?;
-    let text = json(stats)? + "\n";
-    file.file()
-        .write_all(text.as_bytes())
-        .map_err(|source| Error::io(path, "cannot write the stats", source))?;
-    file.commit()
 }

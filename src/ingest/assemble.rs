@@ -7,7 +7,7 @@ use super::tally::{
 };
 use super::upward::{Averages, Upward, average};
 use crate::cache::{BrickShape, state};
-use crate::space::IndexBox;
+use crate::space::{IndexBox, cells_at};
 use crate::{Error, Result};
 
 /// Largest magnitude that is taken: sums of eight stay finite.
@@ -248,10 +248,7 @@ impl Draft {
             values: vec![0.0; shape.cells()],
             weights: Vec::new(),
         };
-        let end = root_cells.map(|n| {
-            let n = i128::from(n);
-            if job.octree >= 0 { n << job.octree } else { -((-n) >> -job.octree) }
-        });
+        let end = root_cells.map(|cells| cells_at(job.octree, cells));
         if (0..3).any(|a| cells.hi[a] > end[a]) {
             for at in 0..draft.states.len() {
                 let cell = draft.cell(at);

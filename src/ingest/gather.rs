@@ -7,6 +7,7 @@ use super::hood::{Hood, direction};
 use super::store::StoredBricks;
 use super::tally::times_power_of_two;
 use crate::cache::{Block, BrickShape, RawBrick, state};
+use crate::space::cells_at;
 use crate::{Error, Result};
 
 /// Gathers the payloads of one field.
@@ -122,8 +123,7 @@ impl Gatherer<'_> {
         let lowest = hood.place.lowest_cell(self.shape);
         let octree = hood.place.octree;
         let inside: [std::ops::Range<i128>; 3] = std::array::from_fn(|a| {
-            let root = i128::from(self.root_cells[a]);
-            let end = if octree >= 0 { root << octree } else { -((-root) >> -octree) };
+            let end = cells_at(octree, self.root_cells[a]);
             let start = lowest[a] + i128::from(first[a]);
             -start..end - start
         });

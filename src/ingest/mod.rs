@@ -31,7 +31,7 @@ use std::path::Path;
 
 use crate::atomic_file::AtomicFile;
 use crate::cache::{BrickShape, CachedField, Header, MAX_FIELDS, TreeLevel};
-use crate::source::Source;
+use crate::source::{Hierarchy, Source, SourceField};
 use crate::space::{Decimal, Domain, FRACTION_BITS, IndexBox, MAX_OCTREE_LEVEL};
 use crate::spelling::{nearest_first, position};
 use crate::{Error, Result};
@@ -298,26 +298,52 @@ fn header(
     built: &Built,
 ) -> Header {
     let hierarchy = source.hierarchy();
+    let of_source = fields.iter().map(|&field| &hierarchy.fields[field]);
+    let fields = of_source.zip(&built.tallies).map(|(field, tally)| cached_field(field, tally));
+    Header {
+        file_bytes: 0,
+        source_format: source.format().to_owned(),
+        time: hierarchy.time,
+        domain: hierarchy.domain.clone(),
+        shape,
+        levels: tree_levels(hierarchy, shape, layout, built),
+        fields: fields.collect(),
+        max_parent_blocks: 0,
+        index_offset: 0,
+        index_pages: 0,
+        page_table_checksum: 0,
+        checksum: 0,
+    }
+}
+
+fn tree_levels(
+    hierarchy: &Hierarchy,
+    shape: BrickShape,
+    layout: &Layout,
+    built: &Built,
+) -> Vec<TreeLevel> {
     let upper = build::upper_levels(shape, hierarchy.domain.root_cells()) as i32;
-    let mut levels = Vec::with_capacity(built.store.depth());
     let mut first_node = 0;
-    for (depth, cells) in built.cells.iter().enumerate() {
+    let level = |(depth, cells): (usize, &build::LevelCells)| {
         let octree = depth as i32 - upper;
         let at = u32::try_from(octree).ok();
         let nodes = built.store.bricks(depth);
-        levels.push(TreeLevel {
+        first_node += nodes;
+        TreeLevel {
             octree,
             simulation: at.and_then(|o| hierarchy.levels.simulation(o)).map(|l| l as u32),
-            first_node,
+            first_node: first_node - nodes,
             nodes,
             grids: at.and_then(|o| layout.grids_per_level.get(o as usize)).copied().unwrap_or(0),
             cells: cells.existing,
             leaf_cells: cells.leaf,
-        });
-        first_node += nodes;
-    }
-    let of_source = fields.iter().map(|&field| &hierarchy.fields[field]);
-    let fields = of_source.zip(&built.tallies).map(|(field, tally)| CachedField {
+        }
+    };
+    built.cells.iter().enumerate().map(level).collect()
+}
+
+fn cached_field(field: &SourceField, tally: &tally::Tally) -> CachedField {
+    CachedField {
         name: field.name.clone(),
         units: field.units.clone(),
         to_cgs: field.to_cgs,
@@ -333,19 +359,5 @@ fn header(
         dropped_sum: tally.dropped_sum.value(),
         relative_error: tally.relative_error,
         leaf_error: tally.leaf_error,
-    });
-    Header {
-        file_bytes: 0,
-        source_format: source.format().to_owned(),
-        time: hierarchy.time,
-        domain: hierarchy.domain.clone(),
-        shape,
-        levels,
-        fields: fields.collect(),
-        max_parent_blocks: 0,
-        index_offset: 0,
-        index_pages: 0,
-        page_table_checksum: 0,
-        checksum: 0,
     }
 }

@@ -17,8 +17,8 @@ pub(super) const CUBE_EDGE: u32 = 8;
 
 /// Most cells of one grid: more than any code gives a process.
 const MAX_GRID_CELLS: u128 = 1 << 36;
-/// Larger grids are read once, at their last cell, before anything is laid out for them: so a
-/// size that no data back up costs nothing.
+/// Larger grids are read once, at their last cell, before anything is laid out for them: so a size
+/// that no data back up costs no more than the records of a grid of this size, 4096 cubes.
 const TRUSTED_GRID_CELLS: u128 = 1 << 21;
 
 /// One grid reaches into one cube of [`CUBE_EDGE`]³ cells of its level.

@@ -118,11 +118,6 @@ impl BrickStore {
         self.table.flush()
     }
 
-    /// Number of levels.
-    pub(super) fn depth(&self) -> usize {
-        self.levels.len()
-    }
-
     /// Number of bricks at tree level `level` (0 = root).
     pub(super) fn bricks(&self, level: usize) -> u64 {
         self.level(level).map_or(0, |level| level.count)

@@ -7,7 +7,9 @@ mod athena;
 mod athenapp;
 mod enzo;
 mod flash;
+mod folder;
 pub mod hdf5;
+mod lattice;
 mod lines;
 mod raw;
 

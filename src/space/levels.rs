@@ -65,6 +65,13 @@ impl Levels {
     }
 }
 
+/// Cells of a domain of `root` root cells along an axis, counted at octree level `octree`; those
+/// that it only touches are included.
+pub fn cells_at(octree: i32, root: u64) -> i128 {
+    let (root, steps) = (i128::from(root), octree.unsigned_abs().min(2 * MAX_OCTREE_LEVEL));
+    if octree >= 0 { root << steps.min(MAX_OCTREE_LEVEL) } else { -(-root >> steps) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -8,7 +8,7 @@ mod levels;
 pub use boxes::IndexBox;
 pub use decimal::Decimal;
 pub use domain::{Domain, MAX_ROOT_CELLS, Position};
-pub use levels::Levels;
+pub use levels::{Levels, cells_at};
 
 /// Fraction bits of a [`Position`]: one unit is 2⁻⁹⁶ of a root cell's width.
 pub const FRACTION_BITS: u32 = 96;

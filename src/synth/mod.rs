@@ -3,8 +3,8 @@
 //! A [`Recipe`] (TOML; `datasets_synthetic/` holds examples) gives a domain, a density model
 //! ([`DensityModel`]), rules for refinement ([`Grids`]) and the layout, one of `LAYOUTS`. Enzo's
 //! grids are written in batches, so memory depends on the largest grid and the deepest level;
-//! layouts that list grids level by level ([`batches`]) keep their boxes as well, and trees of
-//! blocks ([`tree`]) are built in memory.
+//! layouts that list grids level by level (`batches.rs`) keep their boxes as well, and trees of
+//! blocks (`tree.rs`) are built in memory.
 //!
 //! Values are the model at cell centres, from offsets that are exact at any depth. Cells under
 //! finer grids hold what the recipe asks for, which may be deliberately wrong: only leaf cells
@@ -63,7 +63,7 @@ struct Layout {
     write: Write,
 }
 
-/// What [`write`] does, for one layout.
+/// What [`write()`] does, for one layout.
 type Write = fn(&Recipe, &Path, &mut dyn FnMut(u64, u64)) -> Result<Summary>;
 
 /// Every layout that can be written.

@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::source::folder::entries;
 use crate::{Error, Result};
 
 /// What the names of one output's files share.
@@ -136,12 +137,6 @@ fn add(entries_here: &[PathBuf], parallel: bool, to: &mut Vec<(Output, PathBuf)>
 fn with_output(file: PathBuf, parallel: bool) -> Option<(Output, PathBuf)> {
     let name = Name::parse(file.file_name()?.to_str()?)?;
     file.is_file().then_some((Output { parallel, name }, file))
-}
-
-fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
-    let fault = |e| Error::io(folder, "cannot list the folder", e);
-    let entries = std::fs::read_dir(folder).map_err(fault)?;
-    entries.map(|entry| entry.map(|e| e.path()).map_err(fault)).collect()
 }
 
 #[cfg(test)]

@@ -3,13 +3,11 @@
 use super::header::{Header, Printed};
 use crate::Result;
 use crate::source::GridRecord;
-use crate::space::{Decimal, Domain, Levels};
+use crate::source::lattice::{AXES, LARGEST_DEVIATION, nearest_corner};
+use crate::space::{Domain, Levels};
 
 /// Athena refines by this everywhere.
 pub(super) const FACTOR: u32 = 2;
-/// Largest distance of a corner from the lattice, and largest error of a printed one, in cells.
-const LARGEST_DEVIATION: f64 = 0.25;
-const AXES: [&str; 3] = ["x", "y", "z"];
 /// Digits after which a double's decimal does not change.
 const MOST_DIGITS: usize = 17;
 
@@ -103,19 +101,10 @@ pub(super) fn place(
             ));
         }
     }
-    let origin: Result<Vec<Decimal>> = header.origin.iter().map(Printed::decimal).collect();
-    let origin = origin.map_err(|e| e.to_string())?;
-    let origin = <[Decimal; 3]>::try_from(origin).map_err(|_| "has no three coordinates")?;
-    let (lo, off) = domain.nearest_corner(octree, &origin).map_err(|e| e.to_string())?;
+    let shown = ("origin", header.origin.each_ref().map(|printed| printed.value));
+    let origin = header.origin.iter().map(Printed::decimal);
+    let lo = nearest_corner(domain, (level, octree), origin, shown)?;
     for a in 0..3 {
-        if off[a].abs() > LARGEST_DEVIATION {
-            return Err(format!(
-                "its origin {} along {} lies {:.2} cells from the lattice of level {level}",
-                header.origin[a].value,
-                AXES[a],
-                off[a].abs()
-            ));
-        }
         let last = i128::from(domain.root_cells()[a]) << octree;
         if lo[a] < 0 || lo[a] + i128::from(header.cells[a]) > last {
             return Err(format!("reaches outside the domain along {}", AXES[a]));

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
+use crate::source::folder::entries;
 use crate::{Error, Result};
 
 /// Suffixes of the files that list grids, the longer first.
@@ -88,14 +89,6 @@ fn dumps_in(folder: &Path) -> Result<Vec<PathBuf>> {
     dumps.sort();
     dumps.dedup();
     Ok(dumps)
-}
-
-fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
-    let fault = |e| Error::io(folder, "cannot list the folder", e);
-    std::fs::read_dir(folder)
-        .map_err(fault)?
-        .map(|entry| entry.map(|e| e.path()).map_err(fault))
-        .collect()
 }
 
 /// `path` without a hierarchy's suffix.

@@ -4,13 +4,8 @@ use super::listing::{Edge, ListedGrid};
 use super::parameters::Parameters;
 use crate::Result;
 use crate::source::GridRecord;
-use crate::space::{Decimal, IndexBox, Levels};
-
-/// Largest distance of an edge from the lattice, and largest error of a printed one, in cells of
-/// the grid's level. Doubles have two units in the last place to a cell at level 47 of a 16³
-/// root grid, so a quarter is what they still tell apart.
-const LARGEST_DEVIATION: f64 = 0.25;
-const AXES: [&str; 3] = ["x", "y", "z"];
+use crate::source::lattice::{AXES, LARGEST_DEVIATION, nearest_corner};
+use crate::space::{IndexBox, Levels};
 
 /// The level of `grid`: stated, or from the width of its cells.
 ///
@@ -75,8 +70,12 @@ pub(super) fn place(
         .octree(level as usize)
         .ok_or_else(|| format!("lies at level {level}, deeper than the hierarchy's levels"))?;
     let size = grid.size()?;
-    let lo = corner(&grid.left, level, octree, parameters)?;
-    let hi = corner(&grid.right, level, octree, parameters)?;
+    let corner = |edges: &[Edge; 3]| {
+        let shown = ("edge", edges.each_ref().map(Edge::value));
+        let exact = edges.iter().map(Edge::decimal);
+        nearest_corner(&parameters.domain, (level, octree), exact, shown)
+    };
+    let (lo, hi) = (corner(&grid.left)?, corner(&grid.right)?);
     let cells = IndexBox::at(lo, size);
     for a in 0..3 {
         if hi[a] != cells.hi[a] {
@@ -92,31 +91,4 @@ pub(super) fn place(
         }
     }
     Ok(GridRecord { id: grid.id, level, lo, size, locator })
-}
-
-/// The lattice point nearest to a corner.
-fn corner(
-    edges: &[Edge; 3],
-    level: u32,
-    octree: u32,
-    parameters: &Parameters,
-) -> Result<[i128; 3], String> {
-    let domain = &parameters.domain;
-    let exact: Result<Vec<Decimal>> = edges.iter().map(Edge::decimal).collect();
-    let exact: [Decimal; 3] = exact
-        .map_err(|e| e.to_string())?
-        .try_into()
-        .map_err(|_| "a corner needs three coordinates".to_owned())?;
-    let (index, off) = domain.nearest_corner(octree, &exact).map_err(|e| e.to_string())?;
-    for a in 0..3 {
-        if off[a].abs() > LARGEST_DEVIATION {
-            return Err(format!(
-                "its edge {} along {} lies {:.2} cells from the lattice of level {level}",
-                edges[a].value(),
-                AXES[a],
-                off[a].abs()
-            ));
-        }
-    }
-    Ok(index)
 }
