@@ -13,10 +13,12 @@ use std::sync::Mutex;
 
 use allocator::{Counting, peak_of};
 use deepfield::cache::{Cache, Cursor};
+use deepfield::derive::Derived;
 use deepfield::ingest::{Options, Progress, ingest};
 use deepfield::render::{RenderOptions, render};
 use deepfield::scene::Scene;
-use deepfield::{source, synth};
+use deepfield::source::Source;
+use deepfield::{Result, source, synth};
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
@@ -48,12 +50,15 @@ fn ingested(output: &Path, name: &str, folder: &Path) -> (PathBuf, usize) {
     let target = folder.join(name);
     let source = source::open(output, None).unwrap();
     let options = Options { memory: LIMIT as u64, threads: Some(2), ..Options::default() };
-    let mut quiet = |_, _, _| {};
-    let (outcome, peak) = peak_of(|| {
-        ingest(source.as_ref(), &target, &options, &mut Progress::new(&mut quiet)).map(drop)
-    });
+    let (outcome, peak) = watched(source.as_ref(), &target, &options);
     outcome.unwrap();
     (target, peak)
+}
+
+/// Ingests; what becomes of it, and the most that was allocated at a time.
+fn watched(source: &dyn Source, target: &Path, options: &Options) -> (Result<()>, usize) {
+    let mut quiet = |_, _, _| {};
+    peak_of(|| ingest(source, target, options, &mut Progress::new(&mut quiet)).map(drop))
 }
 
 /// A small picture of everything, all levels.
@@ -98,6 +103,33 @@ fn what_is_allocated_stays_below_the_limit_whatever_the_size_of_the_data() {
     for (small, large) in peaks[0].iter().zip(peaks[1]) {
         assert!(large as f64 <= 1.15 * *small as f64, "grows with the data: {peaks:?}");
     }
+}
+
+#[test]
+fn many_fields_large_bricks_and_many_threads_stay_below_the_limit_or_are_refused() {
+    let _alone = ALONE.lock().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let output = output(0.16, folder.path());
+    let source = source::open(&output, None).unwrap();
+    let definitions: Vec<String> = (1..=40).map(|n| format!("f{n}=Density*{n}")).collect();
+    let source = Derived::new(source.as_ref(), &definitions).unwrap();
+    let names = source.hierarchy().fields.iter().map(|field| field.name.clone());
+    let options = Options {
+        fields: names.collect(),
+        memory: LIMIT as u64,
+        threads: Some(16),
+        ..Options::default()
+    };
+    let target = folder.path().join("many.dfc");
+    let (outcome, peak) = watched(&source, &target, &options);
+    outcome.unwrap();
+    eprintln!("41 fields, 16 threads: {peak}");
+    assert!(peak <= LIMIT, "{peak}");
+    let large = Options { brick: Some(32), ..options };
+    let (outcome, peak) = watched(&source, &target, &large);
+    let refusal = outcome.unwrap_err().to_string();
+    assert!(refusal.contains("the smallest limit that works is"), "{refusal}");
+    assert!(peak <= LIMIT, "{peak}");
 }
 
 /// The program with no more address space than `bytes`. The system's allocator would reserve far

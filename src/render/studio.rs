@@ -75,6 +75,28 @@ enum State {
     Beyond,
 }
 
+impl State {
+    /// How a tile that may be off like this has turned out, beside a goal of so much `tolerance`.
+    fn of(TileError { shares, estimate, .. }: &TileError, tolerance: f64) -> Self {
+        if shares.levels + shares.pixel_area <= tolerance {
+            Self::Within
+        } else if *estimate <= tolerance {
+            Self::Likely
+        } else {
+            Self::Beyond
+        }
+    }
+
+    /// What the tile is off by, as far as more work changes it.
+    fn off(self, error: &TileError) -> f64 {
+        match self {
+            Self::Within => error.shares.total(),
+            Self::Likely => error.estimate,
+            Self::Beyond => 0.0,
+        }
+    }
+}
+
 impl<'s> Studio<'s> {
     /// By settings that ask nothing of the error.
     pub(super) fn by_hand(
@@ -110,32 +132,12 @@ impl<'s> Studio<'s> {
     ) -> Result<Outcome> {
         let tolerance = self.scene.render.tolerance;
         let is_exact = matches!(tolerance, Tolerance::Absolute(0.0) | Tolerance::Relative(0.0));
-        let glance = if is_exact && !pixels.has_area() { 0.0 } else { self.glance()? };
         let effort = Effort::of(pixels.whole().count() as u64);
-        let mut goal = Goal {
-            tolerance: match tolerance {
-                _ if is_exact => EXACT * glance,
-                Tolerance::Absolute(value) => value,
-                Tolerance::Relative(part) if glance > 0.0 => FIRST_TRY * part * glance,
-                Tolerance::Relative(_) => f64::MIN_POSITIVE,
-            },
-            behind: glance,
-            rays_per_pixel: effort.most,
-            alone_per_pixel: effort.most_alone,
-            least_halvings: effort.least_halvings,
-            certifies: true,
-            power: f64::INFINITY,
-            all_levels: is_exact,
-        };
+        let mut goal = self.first_goal(pixels, &effort, is_exact)?;
         let transfer = self.transfer(if is_exact { 0.0 } else { goal.tolerance });
         let pieces = self.pieces(&transfer);
         if pixels.has_area() && !is_exact {
-            let outlook = self.outlook(&goal, (&transfer, pieces))?;
-            let is_worthwhile = outlook.rays_needed <= effort.worthwhile as f64;
-            goal.certifies = outlook.beyond == 0.0 && is_worthwhile;
-            goal.rays_per_pixel =
-                if goal.certifies { effort.most_certified } else { effort.scouting };
-            goal.power = outlook.power;
+            self.look_out(&mut goal, &effort, (&transfer, pieces))?;
         }
         let cut = goal.first_cut();
         let census = self.census(pixels, &cut, pieces)?;
@@ -160,6 +162,41 @@ impl<'s> Studio<'s> {
         Ok(Outcome { film: into_inner(picture.film), error, census, rays })
     }
 
+    /// The goal by a glance, before anything is known of pixels' areas.
+    fn first_goal(&self, pixels: &PixelGrid, effort: &Effort, is_exact: bool) -> Result<Goal> {
+        let glance = if is_exact && !pixels.has_area() { 0.0 } else { self.glance()? };
+        Ok(Goal {
+            tolerance: match self.scene.render.tolerance {
+                _ if is_exact => EXACT * glance,
+                Tolerance::Absolute(value) => value,
+                Tolerance::Relative(part) if glance > 0.0 => FIRST_TRY * part * glance,
+                Tolerance::Relative(_) => f64::MIN_POSITIVE,
+            },
+            behind: glance,
+            rays_per_pixel: effort.most,
+            alone_per_pixel: effort.most_alone,
+            least_halvings: effort.least_halvings,
+            certifies: true,
+            power: f64::INFINITY,
+            all_levels: is_exact,
+        })
+    }
+
+    /// Decides whether pixels' areas are to be certified, and how many rays that may take.
+    fn look_out(
+        &self,
+        goal: &mut Goal,
+        effort: &Effort,
+        transfer: (&TransferPieces, &PieceList),
+    ) -> Result<()> {
+        let outlook = self.outlook(goal, transfer)?;
+        let is_worthwhile = outlook.rays_needed <= effort.worthwhile as f64;
+        goal.certifies = outlook.beyond == 0.0 && is_worthwhile;
+        goal.rays_per_pixel = if goal.certifies { effort.most_certified } else { effort.scouting };
+        goal.power = outlook.power;
+        Ok(())
+    }
+
     /// Draws `picture` within `goal`; where that is to be a part of the picture's largest value,
     /// which is known only then, tiles that have turned out too coarse are drawn again. Those that
     /// could not be brought within the goal are left: a smaller one changes nothing.
@@ -181,21 +218,10 @@ impl<'s> Studio<'s> {
             let Some(part) = part else { return Ok(()) };
             let errors = lock(&picture.errors).clone();
             for (n, error) in errors.iter().enumerate().filter(|(n, _)| is_drawn_again[*n]) {
-                let TileError { shares, estimate, .. } = error;
-                states[n] = if shares.levels + shares.pixel_area <= goal.tolerance {
-                    State::Within
-                } else if *estimate <= goal.tolerance {
-                    State::Likely
-                } else {
-                    State::Beyond
-                };
+                states[n] = State::of(error, goal.tolerance);
             }
-            let off = |(error, state): (&TileError, &State)| match state {
-                State::Within => error.shares.total(),
-                State::Likely => error.estimate,
-                State::Beyond => 0.0,
-            };
-            let bounds: Vec<f64> = errors.iter().zip(&states).map(off).collect();
+            let off = errors.iter().zip(&states).map(|(error, state)| state.off(error));
+            let bounds: Vec<f64> = off.collect();
             let bound = bounds.iter().fold(0.0, |most: f64, bound| most.max(*bound));
             let largest = f64::from(lock(&picture.film).largest_value());
             let limit = part * (largest - bound).max(0.5 * largest);
