@@ -112,6 +112,33 @@ fn targets_and_sources_that_cannot_be_are_named() {
 }
 
 #[test]
+fn what_is_read_is_not_written_over() {
+    let (folder, source) = data("small");
+    let cache = folder.path().join("cache.dfc");
+    for _ in 0..2 {
+        run(&[&"ingest", &source, &"-o", &cache]).done();
+    }
+    for suffix in ["cpu0000", "hierarchy"] {
+        let file = source.with_extension(suffix);
+        let before = std::fs::read(&file).unwrap();
+        let line = run(&[&"ingest", &source, &"-o", &file]).failed();
+        assert!(line.contains("is one of the input's files"), "{line}");
+        assert!(std::fs::read(&file).unwrap() == before, "{suffix}");
+    }
+    let line = run(&[&"ingest", &source, &"-o", &cache, &"--stats", &cache]).failed();
+    assert!(line.contains("is named for the stats and for the cache"), "{line}");
+    let scene = written(folder.path(), "scene.toml", SCENE);
+    let picture = folder.path().join("picture.exr");
+    let sound = [&cache, &scene].map(|file| std::fs::read(file).unwrap());
+    for stats in [&cache, &scene, &picture] {
+        let line = run(&[&"render", &cache, &scene, &"-o", &picture, &"--stats", stats]).failed();
+        assert!(line.contains("is named for the"), "{line}");
+    }
+    assert!([&cache, &scene].map(|file| std::fs::read(file).unwrap()) == sound);
+    assert!(!picture.exists());
+}
+
+#[test]
 fn folders_and_files_without_permission_are_named() {
     use std::os::unix::fs::PermissionsExt;
     if is_root() {

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::ingest_stats::Stopwatch;
+use super::paths::refuse_same;
 use super::progress::Bar;
 use super::stats_file::write_stats;
 use super::{output::Output, size};
@@ -60,6 +61,10 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    if let Some(stats) = &arguments.stats {
+        let cache = ("the cache", arguments.output.as_path());
+        refuse_same(&[("the stats", stats), cache], &[("the input", &arguments.input)])?;
+    }
     let source = source::open(&arguments.input, arguments.format.as_deref())?;
     let source = Derived::new(source.as_ref(), &arguments.derive)?;
     let options = Options {

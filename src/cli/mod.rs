@@ -10,6 +10,7 @@ mod info;
 mod ingest;
 mod ingest_stats;
 mod output;
+mod paths;
 mod probe;
 mod progress;
 mod render;

@@ -79,7 +79,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut output = Output::new();
     output.line("x,y,z,level,value")?;
     let mut record = csv::StringRecord::new();
-    while reader.read_record(&mut record).map_err(|error| wrong(arguments, &error.to_string()))? {
+    while reader.read_record(&mut record).map_err(|error| unreadable(arguments, &error))? {
         let line = record.position().map_or(0, csv::Position::line);
         let point =
             parse(&record).map_err(|error| wrong(arguments, &format!("line {line}: {error}")))?;
@@ -95,7 +95,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 fn check_title(arguments: &Arguments, reader: &mut csv::Reader<ShortLines>) -> Result<()> {
-    let title = reader.headers().map_err(|error| wrong(arguments, &error.to_string()))?;
+    let title = reader.headers().map_err(|error| unreadable(arguments, &error))?;
     if title.iter().eq(["x", "y", "z"]) {
         return Ok(());
     }
@@ -105,6 +105,19 @@ fn check_title(arguments: &Arguments, reader: &mut csv::Reader<ShortLines>) -> R
 fn parse(record: &csv::StringRecord) -> Result<[Decimal; 3]> {
     let column = |i: usize| Decimal::parse(record.get(i).unwrap_or(""));
     Ok([column(0)?, column(1)?, column(2)?])
+}
+
+/// What is wrong with a line that is none of the table's.
+fn unreadable(arguments: &Arguments, error: &csv::Error) -> Error {
+    let line = error.position().map_or(0, csv::Position::line);
+    let reason = match error.kind() {
+        csv::ErrorKind::UnequalLengths { len, .. } => {
+            format!("line {line}: it has {len} columns; each line is `x,y,z`")
+        }
+        csv::ErrorKind::Utf8 { .. } => format!("line {line}: it is no UTF-8 text"),
+        _ => error.to_string(),
+    };
+    wrong(arguments, &reason)
 }
 
 fn wrong(arguments: &Arguments, reason: &str) -> Error {

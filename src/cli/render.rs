@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use clap::Args;
 
+use super::paths::refuse_same;
 use super::progress::Bar;
 use super::stats_file::{json, write_stats};
 use super::{expressions, size};
@@ -52,6 +53,10 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let started = Instant::now();
     let format = Format::from_path(&arguments.output)?;
+    let stats = arguments.stats.as_deref().map(|path| ("the stats", path));
+    let written: Vec<_> =
+        [("the picture", arguments.output.as_path())].into_iter().chain(stats).collect();
+    refuse_same(&written, &[("the cache", &arguments.cache), ("the scene", &arguments.scene)])?;
     let mut scene = Scene::load(&arguments.scene)?;
     if let Some(tolerance) = &arguments.tolerance {
         scene.render.tolerance = Tolerance::parse(tolerance)

@@ -25,6 +25,7 @@ mod sort;
 mod spool;
 mod store;
 mod tally;
+mod target;
 mod upward;
 
 use std::path::Path;
@@ -97,14 +98,7 @@ pub fn ingest(
         Some(parent) if parent != Path::new("") => parent,
         _ => Path::new("."),
     };
-    if let (Ok(input), Ok(output)) = (source.path().canonicalize(), target.canonicalize())
-        && input == output
-    {
-        return Err(Error::request(format!(
-            "{}: is the input itself; name another file for the cache",
-            target.display()
-        )));
-    }
+    target::refuse_source_files(source, target)?;
     if options.fields.len() > MAX_FIELDS {
         return Err(Error::request(format!(
             "{} fields are more than the {MAX_FIELDS} that a cache holds: choose fewer with --field",
