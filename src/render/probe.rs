@@ -22,8 +22,8 @@ const SHRUNK: f64 = 1.0 / (1u64 << 30) as f64;
 /// What is at a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Found {
-    /// The simulation's level of the leaf cell that holds the point; where a whole brick was
-    /// dropped, the brick's level.
+    /// The simulation's level of the leaf cell that holds the point. Where all of the finest brick was
+    /// dropped, the cache may not say it: then that brick's level.
     pub level: u32,
     /// The cell's value, or the interpolant's; NaN where it is NaN or dropped.
     pub value: f64,
@@ -80,27 +80,56 @@ impl<'c> Probe<'c> {
         if !domain.contains(&position) {
             return Ok(None);
         }
-        let finest = self.descend(&position)?;
-        self.look_up(&finest, &position).map(Some)
+        let (finest, kept) = self.descend(&position)?;
+        if !finest.field.is_void() {
+            return self.look_up(&finest, &position).map(Some);
+        }
+        let level = self.level_of_dropped(&finest, kept.as_ref(), &position)?;
+        Ok(Some(Found { level, value: f64::NAN }))
     }
 
-    fn descend(&mut self, position: &Position) -> Result<Finest> {
+    /// The finest brick that holds a point, and the finest of those that were not dropped altogether.
+    fn descend(&mut self, position: &Position) -> Result<(Finest, Option<Finest>)> {
         let header = self.cache.header();
         let mut place = BrickPlace::root(-header.levels[0].octree);
-        let mut node = 0;
+        let (mut node, mut kept) = (0, None);
         loop {
             let record = self.cursor.node(node)?;
+            let field = self.cursor.field(node, self.field)?;
+            let here = Finest { node, place, record, field };
             let cell = self.cell(position, &place);
             let half = header.shape.edge() / 2;
             let octant = (0..3).fold(0, |o, a| o | u8::from(cell[a] >= half) << a);
             match record.child(octant) {
-                Some(child) => (node, place) = (child, place.child(octant)),
-                None => {
-                    let field = self.cursor.field(node, self.field)?;
-                    return Ok(Finest { node, place, record, field });
+                Some(child) => {
+                    (node, place) = (child, place.child(octant));
+                    kept = if here.field.is_void() { kept } else { Some(here) };
                 }
+                None => return Ok((here, kept)),
             }
         }
+    }
+
+    /// The level of the cell at a point of which the finest brick was dropped, and no payload says which
+    /// of its cells the level owns. What was kept of coarser levels says whether they are refined
+    /// there; else the brick's level stands for all.
+    fn level_of_dropped(
+        &mut self,
+        finest: &Finest,
+        kept: Option<&Finest>,
+        position: &Position,
+    ) -> Result<u32> {
+        if let Some(kept) = kept {
+            self.load(kept)?;
+            let owner = self.bricks[&kept.node].owner(self.cell(position, &kept.place));
+            if let Some((up, _, bits)) = owner
+                && bits & state::REFINED == 0
+            {
+                return self.level(kept.place.tree_level.saturating_sub(up));
+            }
+        }
+        let levels = self.cache.header().levels.iter().take(finest.place.tree_level + 1);
+        Ok(levels.filter_map(|level| level.simulation).max().unwrap_or(0))
     }
 
     /// The cell that holds `position`, counted from the brick's lowest one.
@@ -113,12 +142,6 @@ impl<'c> Probe<'c> {
 
     fn look_up(&mut self, finest: &Finest, position: &Position) -> Result<Found> {
         let cell = self.cell(position, &finest.place);
-        if finest.field.is_void() {
-            // No payload says which of its cells the level owns: the brick's level stands for all.
-            let levels = self.cache.header().levels.iter().take(finest.place.tree_level + 1);
-            let level = levels.filter_map(|level| level.simulation).max().unwrap_or(0);
-            return Ok(Found { level, value: f64::NAN });
-        }
         self.load(finest)?;
         let raw = &self.bricks[&finest.node];
         let Some((up, value, bits)) = raw.owner(cell) else {
