@@ -87,6 +87,25 @@ impl Drop for AtomicFile {
     }
 }
 
+/// Whether both paths mean one file, be it there (links are followed) or to be written.
+pub fn is_same_file(a: &Path, b: &Path) -> bool {
+    match (fs::metadata(a), fs::metadata(b)) {
+        (Ok(a), Ok(b)) => identity(&a) == identity(&b),
+        (Err(_), Err(_)) => a == b || place(a).zip(place(b)).is_some_and(|(a, b)| a == b),
+        _ => false,
+    }
+}
+
+/// Where a file that is not there would lie.
+fn place(path: &Path) -> Option<PathBuf> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    Some(folder.unwrap_or(Path::new(".")).canonicalize().ok()?.join(path.file_name()?))
+}
+
+fn identity(found: &fs::Metadata) -> (u64, u64) {
+    (found.dev(), found.ino())
+}
+
 /// The target itself, behind symbolic links; refuses what is not a file.
 fn resolve(target: &Path) -> Result<PathBuf> {
     let refuse = |what: &str| Error::request(format!("{}: {what}", target.display()));
@@ -134,9 +153,8 @@ fn lock(file: &File, target: &Path) -> Result<()> {
 
 /// Whether `path` still names the open `file`.
 fn is_at(file: &File, path: &Path) -> bool {
-    let identity = |found: fs::Metadata| (found.dev(), found.ino());
-    match (file.metadata().map(identity), fs::symlink_metadata(path).map(identity)) {
-        (Ok(open), Ok(named)) => open == named,
+    match (file.metadata(), fs::symlink_metadata(path)) {
+        (Ok(open), Ok(named)) => identity(&open) == identity(&named),
         _ => false,
     }
 }

@@ -125,6 +125,12 @@ fn what_is_read_is_not_written_over() {
         assert!(line.contains("is one of the input's files"), "{line}");
         assert!(std::fs::read(&file).unwrap() == before, "{suffix}");
     }
+    let data = source.with_extension("cpu0001");
+    let before = std::fs::read(&data).unwrap();
+    let other = folder.path().join("other.dfc");
+    let line = run(&[&"ingest", &source, &"-o", &other, &"--stats", &data]).failed();
+    assert!(line.contains("is one of the input's files") && !other.exists(), "{line}");
+    assert!(std::fs::read(&data).unwrap() == before);
     let line = run(&[&"ingest", &source, &"-o", &cache, &"--stats", &cache]).failed();
     assert!(line.contains("is named for the stats and for the cache"), "{line}");
     let scene = written(folder.path(), "scene.toml", SCENE);
@@ -136,6 +142,34 @@ fn what_is_read_is_not_written_over() {
     }
     assert!([&cache, &scene].map(|file| std::fs::read(file).unwrap()) == sound);
     assert!(!picture.exists());
+}
+
+#[test]
+fn statistics_that_cannot_be_written_are_told_before_the_work() {
+    let (folder, source) = data("small");
+    let [cache, other] = ["cache.dfc", "other.dfc"].map(|name| folder.path().join(name));
+    let nowhere = folder.path().join("no/stats.json");
+    run(&[&"ingest", &source, &"-o", &cache]).done();
+    let line = run(&[&"ingest", &source, &"-o", &other, &"--stats", &nowhere]).failed();
+    assert!(line.contains("no/stats.json") && !other.exists(), "{line}");
+    let scene = written(folder.path(), "scene.toml", SCENE);
+    let picture = folder.path().join("picture.exr");
+    let line = run(&[&"render", &cache, &scene, &"-o", &picture, &"--stats", &nowhere]).failed();
+    assert!(line.contains("no/stats.json") && !picture.exists(), "{line}");
+}
+
+#[test]
+fn a_pipe_is_no_input() {
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("pipe");
+    let Ok(made) = Command::new("mkfifo").arg(&pipe).status() else {
+        return eprintln!("skipped: there is no `mkfifo`");
+    };
+    assert!(made.success());
+    for words in [["info", "--json"], ["verify", "--"]] {
+        let line = run(&[&words[0], &words[1], &pipe]).failed();
+        assert!(line.contains("pipe: is n"), "{line}");
+    }
 }
 
 #[test]

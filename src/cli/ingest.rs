@@ -1,17 +1,17 @@
 //! `deepfield ingest`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use super::ingest_stats::Stopwatch;
 use super::paths::refuse_same;
 use super::progress::Bar;
-use super::stats_file::write_stats;
+use super::stats_file::StatsFile;
 use super::{output::Output, size};
 use crate::cache::Header;
 use crate::derive::Derived;
-use crate::ingest::{Options, Progress, Stage};
+use crate::ingest::{Options, Progress, Stage, refuse_source_files};
 use crate::source::Source;
 use crate::space::Decimal;
 use crate::{Error, Result, source};
@@ -77,13 +77,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         region: arguments.region.as_deref().map(region).transpose()?,
         brick: arguments.brick,
     };
+    let stats_file =
+        arguments.stats.as_deref().map(|path| begin_stats(&source, path)).transpose()?;
     let mut stopwatch = Stopwatch::start();
     let mut hear = |stage| stopwatch.hear(stage);
     let header = ingest_with_bar(&source, &arguments.output, &options, &mut hear)?;
-    if let Some(path) = &arguments.stats {
-        write_stats(path, &stopwatch.stop(&source, options.memory, &header)?)?;
+    if let Some(file) = stats_file {
+        file.write(&stopwatch.stop(&source, options.memory, &header)?)?;
     }
     report(&header, arguments)
+}
+
+fn begin_stats(source: &dyn Source, path: &Path) -> Result<StatsFile> {
+    refuse_source_files(source, path)?;
+    StatsFile::begin(path)
 }
 
 /// The fields asked for, else the density if there is one, and the derived ones.
@@ -100,7 +107,7 @@ fn fields(source: &Derived<'_>, asked: &[String]) -> Vec<String> {
 /// Ingests, with a progress bar on a terminal; `hear` is told the stage again and again.
 pub(super) fn ingest_with_bar(
     source: &dyn Source,
-    target: &std::path::Path,
+    target: &Path,
     options: &Options,
     hear: &mut (dyn FnMut(Stage) + Send),
 ) -> Result<Header> {

@@ -1,14 +1,15 @@
 //! Which files a command reads and writes.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
+use crate::atomic_file::is_same_file;
 use crate::{Error, Result};
 
 /// Refuses a file that is written twice, or read as well. Each comes with what it is.
 pub(super) fn refuse_same(written: &[(&str, &Path)], read: &[(&str, &Path)]) -> Result<()> {
     for (n, (what, path)) in written.iter().enumerate() {
         let others = written[n + 1..].iter().chain(read);
-        if let Some((other, _)) = others.into_iter().find(|(_, other)| is_same(path, other)) {
+        if let Some((other, _)) = others.into_iter().find(|(_, other)| is_same_file(path, other)) {
             return Err(Error::request(format!(
                 "{}: is named for {what} and for {other}; name another file",
                 path.display()
@@ -18,20 +19,10 @@ pub(super) fn refuse_same(written: &[(&str, &Path)], read: &[(&str, &Path)]) -> 
     Ok(())
 }
 
-fn is_same(a: &Path, b: &Path) -> bool {
-    a == b || place(a).zip(place(b)).is_some_and(|(a, b)| a == b)
-}
-
-/// Where a file lies, or will.
-fn place(path: &Path) -> Option<PathBuf> {
-    path.canonicalize().ok().or_else(|| {
-        let folder = path.parent().filter(|folder| *folder != Path::new(""));
-        Some(folder.unwrap_or(Path::new(".")).canonicalize().ok()?.join(path.file_name()?))
-    })
-}
-
 #[cfg(test)]
 mod tests {
+    use std::path::PathBuf;
+
     use super::*;
 
     #[test]
@@ -40,6 +31,7 @@ mod tests {
         let at = |name: &str| folder.path().join(name);
         std::fs::write(at("scene.toml"), "").unwrap();
         std::os::unix::fs::symlink(at("scene.toml"), at("link.toml")).unwrap();
+        std::fs::hard_link(at("scene.toml"), at("hard.toml")).unwrap();
         let check = |written: &[&str], read: &[&str]| {
             let paths = |names: &[&str]| names.iter().map(|name| at(name)).collect::<Vec<_>>();
             let (written, read) = (paths(written), paths(read));
@@ -53,6 +45,7 @@ mod tests {
         assert!(!check(&["new.exr", "./new.exr"], &[]));
         assert!(!check(&["scene.toml"], &["scene.toml"]));
         assert!(!check(&["link.toml"], &["scene.toml"]));
+        assert!(!check(&["hard.toml"], &["scene.toml"]));
         assert!(check(&["no/such/folder"], &["scene.toml"]));
     }
 }

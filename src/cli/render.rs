@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::paths::refuse_same;
 use super::progress::Bar;
-use super::stats_file::{json, write_stats};
+use super::stats_file::{StatsFile, json};
 use super::{expressions, size};
 use crate::cache::{Cache, Cursor};
 use crate::image::{Format, write_exr, write_png};
@@ -57,6 +57,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let written: Vec<_> =
         [("the picture", arguments.output.as_path())].into_iter().chain(stats).collect();
     refuse_same(&written, &[("the cache", &arguments.cache), ("the scene", &arguments.scene)])?;
+    let stats_file = arguments.stats.as_deref().map(StatsFile::begin).transpose()?;
     let mut scene = Scene::load(&arguments.scene)?;
     if let Some(tolerance) = &arguments.tolerance {
         scene.render.tolerance = Tolerance::parse(tolerance)
@@ -83,10 +84,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     rendered.stats.set_opening(opening);
     warn_of_bound(&rendered.stats);
     write_picture(&arguments.output, format, &rendered, &scene, &cache)?;
-    match &arguments.stats {
-        Some(path) => write_stats(path, &rendered.stats),
-        None => Ok(()),
-    }
+    stats_file.map_or(Ok(()), |file| file.write(&rendered.stats))
 }
 
 /// Two numbers ≥ 0, and between them a whole one that [`Samples`] can be.
@@ -127,7 +125,7 @@ fn other_advice(stats: &Stats) -> &'static str {
     if shares.pixel_area >= rest.max(shares.storage) {
         " or for --samples N"
     } else if shares.storage >= rest {
-        ", ingest without --error, or draw with a transfer function that is less steep"
+        ", for a cache without --error, or for a transfer function that is less steep"
     } else {
         ""
     }

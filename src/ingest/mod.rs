@@ -46,6 +46,7 @@ use overlaps::{CUBE_EDGE, Layout};
 pub use plan::DEFAULT_MEMORY;
 use plan::{Plan, Shares};
 pub use progress::{Progress, Stage};
+pub use target::refuse_source_files;
 
 /// What to ingest, and how.
 #[derive(Debug, Clone)]
@@ -98,7 +99,7 @@ pub fn ingest(
         Some(parent) if parent != Path::new("") => parent,
         _ => Path::new("."),
     };
-    target::refuse_source_files(source, target)?;
+    refuse_source_files(source, target)?;
     if options.fields.len() > MAX_FIELDS {
         return Err(Error::request(format!(
             "{} fields are more than the {MAX_FIELDS} that a cache holds: choose fewer with --field",

@@ -9,7 +9,7 @@ use crate::{Error, Result};
 pub const DEFAULT_MEMORY: u64 = 1 << 30;
 /// The smallest limit.
 const SMALLEST: usize = 64 << 20;
-/// More than this speeds nothing up.
+/// Caches and bricks of more than this speed nothing up.
 const LARGEST: usize = 4 << 30;
 /// Bytes for what grows with neither bricks nor threads: buffers, codecs, the source's library, and
 /// what the allocator keeps.
@@ -51,7 +51,7 @@ impl Plan {
     /// # Errors
     /// A limit in which no ingest works.
     pub(super) fn new(memory: u64) -> Result<Self> {
-        let memory = usize::try_from(memory).unwrap_or(usize::MAX).min(LARGEST);
+        let memory = usize::try_from(memory).unwrap_or(usize::MAX).min(isize::MAX as usize);
         if memory < SMALLEST {
             return Err(Error::request(format!(
                 "--memory is too small for ingest: the smallest limit that works is {}MiB",
@@ -63,7 +63,7 @@ impl Plan {
 
     /// Bytes for sorting (pass 1).
     pub(super) fn sort(&self) -> usize {
-        self.memory / 8
+        self.memory.min(LARGEST) / 8
     }
 
     /// Divides what there is among at most `threads` threads that work on bricks of `shape` with
@@ -91,11 +91,12 @@ impl Plan {
                 least.div_ceil(1 << 20)
             )));
         }
-        let working = bricks.max(memory / 6);
+        let shared = memory.min(LARGEST);
+        let working = bricks.max(shared / 6);
         let left = memory.saturating_sub(REST + working);
         // One thread is in what is least.
         let threads = (1 + left / (READING + each)).clamp(1, threads.max(1));
-        let cache = (memory / 3).min(left.saturating_sub(threads * READING));
+        let cache = (shared / 3).min(left.saturating_sub(threads * READING));
         Ok(Shares {
             threads,
             source_cells: cache.max(FEWEST_SOURCE_CELLS),
@@ -156,5 +157,18 @@ mod tests {
     fn no_number_of_fields_overflows() {
         let (plan, shape) = (Plan::new(u64::MAX).unwrap(), BrickShape::new(32).unwrap());
         assert!(plan.shares(1, shape, usize::MAX).is_err());
+    }
+
+    #[test]
+    fn the_limit_that_is_named_works() {
+        let shape = BrickShape::new(32).unwrap();
+        for fields in [30, 1024] {
+            let refusal = Plan::new(64 << 20).unwrap().shares(8, shape, fields).unwrap_err();
+            let refusal = refusal.to_string();
+            let (before, _) = refusal.split_once("MiB").unwrap();
+            let least: u64 = before.rsplit(' ').next().unwrap().parse().unwrap();
+            assert!(Plan::new(least << 20).unwrap().shares(8, shape, fields).is_ok());
+            assert!(Plan::new((least - 1) << 20).unwrap().shares(8, shape, fields).is_err());
+        }
     }
 }

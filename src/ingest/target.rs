@@ -1,38 +1,34 @@
-//! What a cache must not be written over.
+//! What must not be written over.
 
-use std::fs::Metadata;
-use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
+use crate::atomic_file::is_same_file;
 use crate::cache::Cache;
 use crate::source::Source;
 use crate::{Error, Result};
 
 /// Refuses a target that is a file of the source: its data, what lies in its folder if it is one, and
 /// files that extend its name. A cache may be written anew wherever it lies.
-pub(super) fn refuse_source_files(source: &dyn Source, target: &Path) -> Result<()> {
-    let Ok(found) = std::fs::metadata(target) else { return Ok(()) };
+///
+/// # Errors
+/// Such a target, and data files that cannot be listed.
+pub fn refuse_source_files(source: &dyn Source, target: &Path) -> Result<()> {
     let refuse = |what: &str| {
-        let place = target.display();
-        Err(Error::request(format!("{place}: {what}; name another file for the cache")))
+        Err(Error::request(format!("{}: {what}; name another file", target.display())))
     };
-    if is_same(&found, source.path()) {
+    if is_same_file(target, source.path()) {
         return refuse("is the input itself");
     }
-    if found.len() == 0 || Cache::is_cache(target) {
+    let is_empty = std::fs::metadata(target).map_or(true, |found| found.len() == 0);
+    if is_empty || Cache::is_cache(target) {
         return Ok(());
     }
     if is_beside(source.path(), target)
-        || source.data_files()?.iter().any(|file| is_same(&found, file))
+        || source.data_files()?.iter().any(|file| is_same_file(target, file))
     {
         return refuse("is one of the input's files");
     }
     Ok(())
-}
-
-fn is_same(found: &Metadata, path: &Path) -> bool {
-    std::fs::metadata(path)
-        .is_ok_and(|other| (other.dev(), other.ino()) == (found.dev(), found.ino()))
 }
 
 /// Whether `target` lies in the folder `source`, or extends its name beside it.

@@ -156,7 +156,12 @@ const FORMATS: &[Format] =
 /// An input of no known format (the message lists those there are), or one that its format's
 /// reader refuses.
 pub fn open(path: &Path, format: Option<&str>) -> Result<Box<dyn Source>> {
-    std::fs::metadata(path).map_err(|e| Error::io(path, "cannot open the input", e))?;
+    let found = std::fs::metadata(path).map_err(|e| Error::io(path, "cannot open the input", e))?;
+    // Reading a pipe would wait for a writer.
+    if !found.is_file() && !found.is_dir() {
+        let place = path.display();
+        return Err(Error::request(format!("{place}: is neither a file nor a folder; name one")));
+    }
     let chosen = match format {
         Some(name) => {
             FORMATS.iter().find(|f| f.name.eq_ignore_ascii_case(name)).ok_or_else(|| {
