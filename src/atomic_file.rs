@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use xxhash_rust::xxh3::xxh3_64;
 
+use crate::leftovers::Leftover;
 use crate::{Error, Result};
 
 /// Longest target name that is repeated in the temporary name: file systems allow 255 bytes.
@@ -19,13 +20,15 @@ const MAX_REPEATED_NAME: usize = 200;
 ///
 /// The temporary file is locked: a second writer of the same target gets an error, and what a
 /// killed run left behind, not being locked any more, is taken over and emptied. Dropped without
-/// [`Self::commit`], the temporary file is removed and the target is as before.
+/// [`Self::commit`], or where a signal ends the process, the temporary file is removed and the target
+/// is as before.
 #[derive(Debug)]
 pub struct AtomicFile {
     file: File,
     partial: PathBuf,
     target: PathBuf,
     committed: bool,
+    _leftover: Leftover,
 }
 
 impl AtomicFile {
@@ -37,6 +40,10 @@ impl AtomicFile {
     pub fn create(target: impl AsRef<Path>) -> Result<Self> {
         let target = resolve(target.as_ref())?;
         let partial = partial_path(&target)?;
+        if fs::symlink_metadata(&partial).is_ok_and(|found| !found.is_file()) {
+            let reason = "is where a file is to be written until it is complete; remove it";
+            return Err(Error::request(format!("{}: {reason}", partial.display())));
+        }
         // A file that was locked may have been renamed or removed between opening and locking.
         loop {
             let file = OpenOptions::new()
@@ -49,7 +56,8 @@ impl AtomicFile {
             lock(&file, &target)?;
             if is_at(&file, &partial) {
                 file.set_len(0).map_err(|error| Error::io(&partial, "cannot empty", error))?;
-                return Ok(Self { file, partial, target, committed: false });
+                let leftover = Leftover::new(&partial);
+                return Ok(Self { file, partial, target, committed: false, _leftover: leftover });
             }
         }
     }
@@ -229,6 +237,20 @@ mod tests {
         let missing = directory.path().join("missing/a");
         assert!(failure(&missing).contains("missing/a: cannot write"), "{}", failure(&missing));
         assert!(names(directory.path()).is_empty());
+    }
+
+    #[test]
+    fn what_is_in_the_way_is_named() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = |name: &str| directory.path().join(name);
+        fs::write(at("precious"), "kept").unwrap();
+        std::os::unix::fs::symlink(at("precious"), at(".a.deepfield-partial")).unwrap();
+        fs::create_dir(at(".b.deepfield-partial")).unwrap();
+        for name in ["a", "b"] {
+            let message = AtomicFile::create(at(name)).unwrap_err().to_string();
+            assert!(message.contains(&format!(".{name}.deepfield-partial: is where")), "{message}");
+        }
+        assert_eq!(fs::read_to_string(at("precious")).unwrap(), "kept");
     }
 
     #[test]

@@ -13,6 +13,7 @@ pub mod error;
 pub mod image;
 pub mod ingest;
 mod lanes;
+mod leftovers;
 mod log10;
 pub mod paging;
 pub mod render;

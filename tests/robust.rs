@@ -7,6 +7,7 @@
 mod support;
 
 use std::fs::File;
+use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -58,6 +59,52 @@ fn a_killed_ingest_leaves_nothing_that_the_next_does_not_clean() {
     run(&arguments).done();
     assert_eq!(names(&folder.path().join("out")), ["cache.dfc"]);
     assert!(std::fs::read(&target).unwrap() == sound, "an ingest after killed ones differs");
+}
+
+#[test]
+fn a_signal_leaves_nothing_and_ends_as_signals_do() {
+    let (folder, source) = data("jumps");
+    let out = folder.path().join("out");
+    std::fs::create_dir(&out).unwrap();
+    let partial = out.join(".cache.dfc.deepfield-partial");
+    let arguments: [&dyn AsRef<std::ffi::OsStr>; 5] =
+        [&"ingest", &source, &"-o", &out.join("cache.dfc"), &"--brick=8"];
+    for (name, number) in [("HUP", 1), ("INT", 2), ("TERM", 15)] {
+        let mut child = start(&arguments);
+        while !partial.exists() {
+            assert!(child.try_wait().unwrap().is_none(), "it ended before it was seen to write");
+        }
+        let kill = Command::new("kill").args(["-s", name, &child.id().to_string()]).status();
+        assert!(kill.unwrap().success());
+        assert_eq!(child.wait().unwrap().signal(), Some(number), "SIG{name}");
+        assert_eq!(names(&out), [""; 0], "SIG{name}");
+    }
+}
+
+#[test]
+fn signals_that_are_ignored_stay_so_and_files_too_large_are_told() {
+    let (folder, source) = data("jumps");
+    let cache = folder.path().join("cache.dfc");
+    let shell = |script: &str| {
+        let mut shell = Command::new("sh");
+        shell.args(["-c", script, env!("CARGO_BIN_EXE_deepfield")]).arg(&source).arg(&cache);
+        shell.output().unwrap()
+    };
+    // As `nohup` starts it.
+    let partial = folder.path().join(".cache.dfc.deepfield-partial");
+    let script = format!(
+        "trap '' HUP; \"$0\" ingest \"$1\" -o \"$2\" --brick=8 & until [ -e '{}' ] || [ -e \"$2\" ]; do :; done; \
+         kill -s HUP $!; wait $!",
+        partial.display()
+    );
+    assert!(shell(&script).status.success());
+    assert_eq!(names(folder.path()).iter().filter(|name| name.contains("cache")).count(), 1);
+    std::fs::remove_file(&cache).unwrap();
+    let limited = shell("ulimit -f 8; \"$0\" ingest \"$1\" -o \"$2\" --brick=8");
+    let line = String::from_utf8(limited.stderr).unwrap();
+    assert_eq!(limited.status.code(), Some(1), "{line}");
+    assert!(line.starts_with("error: ") && line.contains("File too large"), "{line}");
+    assert!(!partial.exists() && !cache.exists());
 }
 
 #[test]

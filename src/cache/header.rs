@@ -130,6 +130,15 @@ impl Header {
     pub fn field(&self, name: &str) -> Option<usize> {
         crate::spelling::position(name, self.fields.iter().map(|field| field.name.as_str()))
     }
+
+    /// [`Self::field`], or which fields there are, the nearest to `name` first.
+    pub(crate) fn find_field(&self, name: &str) -> Result<usize, String> {
+        self.field(name).ok_or_else(|| {
+            let names = self.fields.iter().map(|field| field.name.as_str());
+            let known = crate::spelling::nearest_first(name, names).join(", ");
+            format!("holds no field `{}`: it has {known}", name.escape_debug())
+        })
+    }
 }
 
 impl Header {

@@ -8,13 +8,13 @@ use super::ingest_stats::Stopwatch;
 use super::paths::refuse_same;
 use super::progress::Bar;
 use super::stats_file::StatsFile;
-use super::{output::Output, size};
+use super::{output::Output, size, values};
 use crate::cache::Header;
 use crate::derive::Derived;
 use crate::ingest::{Options, Progress, Stage, refuse_source_files};
 use crate::source::Source;
 use crate::space::Decimal;
-use crate::{Error, Result, source};
+use crate::{Result, source};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -44,16 +44,19 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "L")]
     max_level: Option<u32>,
     /// Store values with a relative error of at most this (0: lossless)
-    #[arg(long, value_name = "E", default_value_t = 0.0)]
+    #[arg(long, value_name = "E", default_value_t = 0.0, value_parser = values::relative_error, allow_negative_numbers = true)]
     error: f64,
     /// Leave out cells whose value is below this: they count as nothing there
-    #[arg(long, value_name = "V", allow_hyphen_values = true)]
+    #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = values::no_nan)]
     drop_below: Option<f64>,
     /// Keep only this box: its lower and upper corner, each `x,y,z` in code length
-    #[arg(long, value_names = ["LO", "HI"], num_args = 2, allow_hyphen_values = true)]
-    region: Option<Vec<String>>,
+    #[arg(
+        long, value_names = ["LO", "HI"], num_args = 2, allow_hyphen_values = true,
+        value_parser = values::corner
+    )]
+    region: Option<Vec<[Decimal; 3]>>,
     /// Cells along a brick's edge: 8, 16 or 32 (default: what costs least)
-    #[arg(long, value_name = "B")]
+    #[arg(long, value_name = "B", value_parser = values::brick, allow_negative_numbers = true)]
     brick: Option<u32>,
     /// Write what the ingest took to this file (JSON)
     #[arg(long, value_name = "FILE")]
@@ -74,7 +77,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         max_level: arguments.max_level,
         relative_error: arguments.error,
         drop_below: arguments.drop_below,
-        region: arguments.region.as_deref().map(region).transpose()?,
+        region: arguments.region.clone().and_then(|corners| corners.try_into().ok()),
         brick: arguments.brick,
     };
     let stats_file =
@@ -125,19 +128,6 @@ pub(super) fn label(stage: Stage) -> &'static str {
         Stage::Hierarchy => "hierarchy",
         Stage::Cells => "cells",
         Stage::Write => "write",
-    }
-}
-
-fn region(corners: &[String]) -> Result<[[Decimal; 3]; 2]> {
-    let corner = |text: &String| -> Result<[Decimal; 3]> {
-        let numbers = text.split(',').map(Decimal::parse).collect::<Result<Vec<_>>>()?;
-        numbers.try_into().map_err(|_| {
-            Error::request(format!("--region: `{text}` is no corner: write one as x,y,z"))
-        })
-    };
-    match corners {
-        [lo, hi] => Ok([corner(lo)?, corner(hi)?]),
-        _ => Err(Error::request("--region needs two corners, each x,y,z")),
     }
 }
 

@@ -4,7 +4,7 @@
 
 mod bench;
 mod demo;
-mod expressions;
+mod fields;
 mod headers;
 mod info;
 mod ingest;
@@ -17,6 +17,7 @@ mod render;
 mod size;
 mod stats_file;
 mod synth;
+mod values;
 mod verify;
 
 use std::panic;
@@ -24,7 +25,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::Error;
+use crate::{Error, leftovers};
 
 /// Renders deep adaptive-mesh-refinement simulations within a memory limit.
 #[derive(Debug, Parser)]
@@ -63,6 +64,8 @@ pub fn run() -> ExitCode {
             fault.location().map_or_else(String::new, |l| format!("{}:{}", l.file(), l.line()));
         eprintln!("error: internal fault at {place}: please report it with the command you ran");
     }));
+    // Where signals cannot be heard they end the process at once; the next run clears up.
+    let _ = leftovers::clear_on_signals();
     let outcome = panic::catch_unwind(|| match &arguments.command {
         Command::Demo(arguments) => demo::run(arguments),
         Command::Ingest(arguments) => ingest::run(arguments),

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::expressions;
+use super::fields;
 use super::output::Output;
 use super::verify::WINDOWS;
 use crate::cache::Cache;
@@ -69,7 +69,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         Choice::Cell => Interpolation::Cell,
         Choice::Linear => Interpolation::Linear,
     };
-    expressions::refuse(&arguments.field, cache.header())?;
+    fields::check(&arguments.field, &cache)?;
     let mut probe = Probe::new(&cache, &arguments.field, interpolation)?;
     let file = File::open(&arguments.points)
         .map_err(|source| Error::io(&arguments.points, "cannot read the points", source))?;

@@ -8,13 +8,13 @@ use clap::Args;
 use super::paths::refuse_same;
 use super::progress::Bar;
 use super::stats_file::{StatsFile, json};
-use super::{expressions, size};
+use super::{fields, size};
+use crate::Result;
 use crate::cache::{Cache, Cursor};
 use crate::image::{Format, write_exr, write_png};
 use crate::render::stats::Stats;
 use crate::render::{FixedSetting, RenderOptions, Rendered, render};
 use crate::scene::{MAX_SAMPLES_PER_AXIS, Samples, Scene, Tolerance};
-use crate::{Error, Result};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -32,11 +32,11 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
     /// Largest error: a number, or `p%` of the picture's largest value (default: the scene's)
-    #[arg(long, value_name = "T")]
-    tolerance: Option<String>,
+    #[arg(long, value_name = "T", value_parser = Tolerance::parse, allow_negative_numbers = true, conflicts_with = "fixed")]
+    tolerance: Option<Tolerance>,
     /// n for n×n rays a pixel, or `area` (default: the scene's)
-    #[arg(long, value_name = "N|area")]
-    samples: Option<String>,
+    #[arg(long, value_name = "N|area", value_parser = Samples::parse, allow_negative_numbers = true, conflicts_with = "fixed")]
+    samples: Option<Samples>,
     /// Cells in pixels (0: all levels), rays a pixel's axis and the march's relative accuracy, set
     /// by hand instead of by tolerance: no bound of the error, for comparison
     #[arg(long, value_name = "PIXELS,RAYS,ACCURACY", value_parser = parse_fixed)]
@@ -59,16 +59,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     refuse_same(&written, &[("the cache", &arguments.cache), ("the scene", &arguments.scene)])?;
     let stats_file = arguments.stats.as_deref().map(StatsFile::begin).transpose()?;
     let mut scene = Scene::load(&arguments.scene)?;
-    if let Some(tolerance) = &arguments.tolerance {
-        scene.render.tolerance = Tolerance::parse(tolerance)
-            .map_err(|why| Error::request(format!("--tolerance {tolerance}: {why}")))?;
-    }
-    if let Some(samples) = &arguments.samples {
-        scene.render.samples = Samples::parse(samples)
-            .map_err(|why| Error::request(format!("--samples {samples}: {why}")))?;
-    }
+    let settings = &mut scene.render;
+    settings.tolerance = arguments.tolerance.unwrap_or(settings.tolerance);
+    settings.samples = arguments.samples.unwrap_or(settings.samples);
     let cache = Cache::open(&arguments.cache, Cursor::WINDOWS)?;
-    expressions::refuse(&scene.volume.field, cache.header())?;
+    fields::check(&scene.volume.field, &cache)?;
     let opening = started.elapsed().as_secs_f64();
     warn_of_nan(&cache, &scene);
     let bar = Bar::new("render", "tiles");

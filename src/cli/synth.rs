@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::output::Output;
 use super::progress::Bar;
-use super::size;
+use super::{size, values};
 use crate::synth::{self, Recipe};
 use crate::{Error, Result};
 
@@ -22,7 +22,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NAME")]
     format: Option<String>,
     /// Cells along each axis, of all levels, over the recipe's: the same gas in larger data
-    #[arg(long, value_name = "N", default_value_t = 1.0)]
+    #[arg(long, value_name = "N", default_value_t = 1.0, value_parser = values::positive, allow_negative_numbers = true)]
     scale: f64,
 }
 

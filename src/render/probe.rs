@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::interpolant::DrawnNeighbours;
 use super::scaled::{ScaledBrick, one_by_one};
 use crate::cache::{BrickPlace, Cache, Cursor, Decoder, FieldRecord, NodeRecord, RawBrick, state};
-use crate::scene::{Interpolation, nearest};
+use crate::scene::Interpolation;
 use crate::space::{Decimal, Position};
 use crate::{Error, Result};
 
@@ -55,7 +55,9 @@ impl<'c> Probe<'c> {
     /// A field that is not there.
     pub fn new(cache: &'c Cache, field: &str, interpolation: Interpolation) -> Result<Self> {
         let header = cache.header();
-        let index = header.field(field).ok_or_else(|| unknown_field(cache, field))?;
+        let index = header
+            .find_field(field)
+            .map_err(|reason| Error::request(format!("{}: {reason}", cache.path().display())))?;
         let decoder = Decoder::new()
             .map_err(|source| Error::io(cache.path(), "cannot set up decompression", source))?;
         Ok(Self {
@@ -208,16 +210,4 @@ impl<'c> Probe<'c> {
         let place = self.cache.path().display();
         Error::invalid(place, format!("brick {} is damaged: {reason}", finest.node))
     }
-}
-
-fn unknown_field(cache: &Cache, name: &str) -> Error {
-    let names: Vec<&str> = cache.header().fields.iter().map(|f| f.name.as_str()).collect();
-    let hint = nearest(name, names.iter().copied())
-        .map_or_else(String::new, |nearest| format!("; did you mean `{nearest}`?"));
-    Error::request(format!(
-        "{}: no field `{}`: there are {}{hint}",
-        cache.path().display(),
-        name.escape_debug(),
-        names.join(", ")
-    ))
 }

@@ -38,7 +38,9 @@ impl Shading {
         interpolation: Interpolation,
         header: &Header,
     ) -> Result<Self> {
-        let field = header.field(&volume.field).ok_or_else(|| unknown_field(volume, header))?;
+        let field = header
+            .find_field(&volume.field)
+            .map_err(|reason| Error::request(format!("the cache {reason}")))?;
         let cached = &header.fields[field];
         let to_units = units_factor(volume, cached)?;
         // A field without any leaf value, all dropped or NaN, has no extrema: a constant then.
@@ -138,16 +140,4 @@ fn units_factor(volume: &VolumeSettings, field: &CachedField) -> Result<f64> {
             field.name
         ))),
     }
-}
-
-fn unknown_field(volume: &VolumeSettings, header: &Header) -> Error {
-    let mut names: Vec<&str> = header.fields.iter().map(|field| field.name.as_str()).collect();
-    if let Some(nearest) = crate::scene::nearest(&volume.field, names.iter().copied()) {
-        names.sort_by_key(|name| *name != nearest);
-    }
-    Error::request(format!(
-        "the cache holds no field `{}`: it has {}",
-        volume.field.escape_debug(),
-        names.join(", ")
-    ))
 }

@@ -84,7 +84,7 @@ fn positive(table: &Table<'_>, key: &'static str, default: f64, limit: f64) -> R
         return Ok(number);
     }
     let most = if limit.is_finite() { format!(" and below {limit}") } else { String::new() };
-    Err(entry.error(format_args!("must be above 0{most}, not {number}")))
+    Err(entry.error(format_args!("must be above 0{most}, not {number:?}")))
 }
 
 fn decimals(entry: Entry<'_>) -> Result<[Decimal; 3]> {

@@ -19,7 +19,6 @@ mod volume;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use crate::spelling::nearest;
 pub use camera::{CameraSettings, Projection};
 pub use colormap::{ColorMap, color_map_names};
 pub use file::{ImageSettings, MAX_SCENE_BYTES, Scene};

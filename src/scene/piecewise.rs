@@ -97,7 +97,7 @@ fn check_point<const CHANNELS: usize>(
     }
     match values.iter().find(|value| !(0.0..=LARGEST_TABLE_VALUE).contains(*value)) {
         Some(value) => Err(Error::request(format!(
-            "point {point}: {value} is outside 0 to {LARGEST_TABLE_VALUE:e}"
+            "point {point}: {value:?} is outside 0 to {LARGEST_TABLE_VALUE:e}"
         ))),
         None => Ok(()),
     }

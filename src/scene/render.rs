@@ -134,7 +134,7 @@ fn parsed<T>(entry: Entry<'_>, parse: fn(&str) -> Result<T>) -> Result<T> {
 fn parse_background(entry: Entry<'_>) -> Result<[f64; 3]> {
     let color = entry.numbers::<3>()?;
     match color.iter().find(|channel| **channel < 0.0) {
-        Some(channel) => Err(entry.error(format_args!("{channel} is negative"))),
+        Some(channel) => Err(entry.error(format_args!("{channel:?} is negative"))),
         None => Ok(color),
     }
 }

@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use tempfile::TempDir;
 
 use super::covering_table::{Kind, Measured, Subject, plots, rows};
 use super::dense::{CoveringGrid, cells};
@@ -15,8 +14,10 @@ use super::viewpoints;
 use crate::cache::{BrickShape, Cache, Cursor, TreeLevel};
 use crate::cli::output::Output;
 use crate::cli::progress::Bar;
+use crate::cli::values;
 use crate::image::Film;
 use crate::ingest::{self, Options, Progress, in_pool};
+use crate::leftovers::ScratchFolder;
 use crate::render::memory::loaded_bytes;
 use crate::scene::{Interpolation, Samples, Scene};
 use crate::space::Domain;
@@ -41,10 +42,10 @@ pub(super) struct Arguments {
     #[arg(long, visible_alias = "levels", value_name = "L", value_parser = parse_levels)]
     level: Vec<(u32, u32)>,
     /// Largest error: a number, or `p%` of the picture's largest value (default: the scene's)
-    #[arg(long, value_name = "T")]
+    #[arg(long, value_name = "T", value_parser = values::tolerance_text)]
     tolerance: Option<String>,
     /// n for n×n rays a pixel, or `area` (default: the scene's)
-    #[arg(long, value_name = "N|area")]
+    #[arg(long, value_name = "N|area", value_parser = values::samples_text)]
     samples: Option<String>,
     /// Write covering-grid.csv and a plot of time for each scene to this folder too
     #[arg(short, long, value_name = "DIR")]
@@ -54,8 +55,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    let folder = TempDir::new()
-        .map_err(|source| Error::io(std::env::temp_dir(), "cannot make a folder", source))?;
+    let folder = ScratchFolder::new()?;
     let cache = Cache::open(&arguments.cache, Cursor::WINDOWS)?;
     let scenes = match &arguments.scenes[..] {
         [] => viewpoints::write(&cache, folder.path())?,
@@ -298,13 +298,14 @@ impl<'b> Bench<'b> {
         let Arguments { tolerance, samples, .. } = self.arguments;
         let tolerance = tolerance.iter().map(|tolerance| format!("--tolerance={tolerance}"));
         let samples = samples.iter().map(|samples| format!("--samples={samples}"));
-        let mut options: Vec<_> = tolerance.chain(samples).collect();
-        if !matches!(subject.kind, Kind::Cache) {
-            options.push("--resident".to_owned());
-        }
-        if matches!(subject.kind, Kind::AllLevels) {
-            options.push(format!("--fixed=0,{},{ACCURACY:e}", self.rays(scene)?));
-        }
+        let resident = || "--resident".to_owned();
+        let options: Vec<_> = match subject.kind {
+            Kind::Cache => tolerance.chain(samples).collect(),
+            Kind::Grid(_) => tolerance.chain(samples).chain([resident()]).collect(),
+            Kind::AllLevels => {
+                vec![resident(), format!("--fixed=0,{},{ACCURACY:e}", self.rays(scene)?)]
+            }
+        };
         self.renderer_of(subject).render(&subject.path, scene, &options)
     }
 
@@ -318,10 +319,7 @@ impl<'b> Bench<'b> {
     /// Rays along a pixel's axis: one where the program would choose.
     fn rays(&self, scene: &Path) -> Result<u32> {
         let given = self.arguments.samples.as_deref().map(Samples::parse);
-        let chosen = given.map_or_else(
-            || Ok(Scene::load(scene)?.render.samples),
-            |given| given.map_err(|why| Error::request(format!("--samples: {why}"))),
-        );
+        let chosen = given.unwrap_or_else(|| Ok(Scene::load(scene)?.render.samples));
         Ok(match chosen? {
             Samples::Grid(rays) => rays,
             Samples::Area => 1,

@@ -10,6 +10,7 @@ use crate::Result;
 use crate::cache::Cache;
 use crate::cli::output::Output;
 use crate::cli::progress::Bar;
+use crate::cli::values;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -19,10 +20,10 @@ pub(super) struct Arguments {
     #[arg(required = true)]
     caches: Vec<PathBuf>,
     /// Largest error: a number, or `p%` of the picture's largest value
-    #[arg(long, value_name = "T", default_value = "1%")]
+    #[arg(long, value_name = "T", default_value = "1%", value_parser = values::tolerance_text)]
     tolerance: String,
     /// Rays a pixel, n for n×n, or `area` (default: the scene's)
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N|area", value_parser = values::samples_text)]
     samples: Option<String>,
     #[command(flatten)]
     limits: Limits,

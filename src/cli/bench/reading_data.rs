@@ -2,11 +2,10 @@
 
 use std::path::PathBuf;
 
-use tempfile::TempDir;
-
+use crate::Result;
 use crate::cli::progress::Bar;
+use crate::leftovers::ScratchFolder;
 use crate::synth::{self, Precision, Recipe};
-use crate::{Error, Result};
 
 const RECIPE: &str = include_str!("../../../datasets_synthetic/reading.toml");
 
@@ -25,7 +24,7 @@ pub(super) struct Made {
     /// What readers open.
     pub(super) inputs: Vec<PathBuf>,
     /// Holds them.
-    _folder: TempDir,
+    _folder: ScratchFolder,
 }
 
 impl Made {
@@ -34,8 +33,7 @@ impl Made {
     /// # Errors
     /// No room for them in the system's folder of temporary files.
     pub(super) fn new() -> Result<Self> {
-        let folder = TempDir::new()
-            .map_err(|source| Error::io(std::env::temp_dir(), "cannot make a folder", source))?;
+        let folder = ScratchFolder::new()?;
         let bar = Bar::new("synth", "grids");
         let mut inputs = Vec::new();
         for (format, precision) in LAYOUTS {

@@ -7,10 +7,10 @@ use std::process::{Command, Stdio};
 
 use clap::Args;
 use serde::Deserialize;
-use tempfile::TempDir;
 
 use crate::cli::size;
 use crate::image::Film;
+use crate::leftovers::ScratchFolder;
 use crate::{Error, Result};
 
 /// How all pictures of a benchmark are made.
@@ -75,7 +75,7 @@ pub(super) struct Cost {
 #[derive(Debug)]
 pub(super) struct Renderer {
     program: PathBuf,
-    folder: TempDir,
+    folder: ScratchFolder,
     limits: Vec<String>,
 }
 
@@ -87,8 +87,7 @@ impl Renderer {
     pub(super) fn new(limits: &Limits) -> Result<Self> {
         let program = std::env::current_exe()
             .map_err(|source| Error::io("deepfield", "cannot find this program", source))?;
-        let folder = TempDir::new()
-            .map_err(|source| Error::io(std::env::temp_dir(), "cannot make a folder", source))?;
+        let folder = ScratchFolder::new()?;
         let mut words = vec!["--memory".to_owned(), limits.memory.to_string()];
         words.extend(limits.threads.map(|threads| format!("--threads={threads}")));
         Ok(Self { program, folder, limits: words })

@@ -12,7 +12,7 @@ use super::table::csv;
 use crate::cache::{Cache, Cursor};
 use crate::cli::output::Output;
 use crate::cli::progress::Bar;
-use crate::cli::size;
+use crate::cli::{size, values};
 use crate::{Error, Result};
 
 #[derive(Debug, Args)]
@@ -21,8 +21,11 @@ pub(super) struct Arguments {
     inputs: Vec<PathBuf>,
     /// Cells along each axis of the data sets made for this, over those of
     /// `datasets_synthetic/scaling.toml`
-    #[arg(long, value_name = "LIST", default_value = "0.5,0.7,1", conflicts_with = "inputs")]
-    scales: String,
+    #[arg(
+        long, value_name = "LIST", default_value = "0.5,0.7,1", conflicts_with = "inputs",
+        value_delimiter = ',', value_parser = values::positive
+    )]
+    scales: Vec<f64>,
     /// A scene, the same for all data (repeat for more; default: the recipe's own, or a camera
     /// outside and one in the deepest region)
     #[arg(long, value_name = "SCENE")]
@@ -43,7 +46,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let data = match &arguments.inputs[..] {
-        [] => scales(&arguments.scales)?.into_iter().map(Data::Made).collect(),
+        [] => arguments.scales.iter().copied().map(Data::Made).collect(),
         given => given.iter().cloned().map(Data::Given).collect::<Vec<_>>(),
     };
     if let Some(folder) = &arguments.output {
@@ -71,18 +74,6 @@ fn save(folder: &Path, text: &str, all: &[Measured]) -> Result<()> {
         super::write(&folder.join(name), &plot.svg())?;
     }
     Ok(())
-}
-
-/// Numbers above 0, separated by commas.
-fn scales(list: &str) -> Result<Vec<f64>> {
-    let parse = |text: &str| {
-        let scale = text.trim().parse().ok().filter(|scale: &f64| scale.is_finite());
-        scale.filter(|scale| *scale > 0.0).ok_or_else(|| {
-            let text = text.escape_debug();
-            Error::request(format!("--scales: `{text}` is no number above 0: write 0.5,1,2"))
-        })
-    };
-    list.split(',').map(parse).collect()
 }
 
 /// What all data sets share.

@@ -4,14 +4,13 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use tempfile::TempDir;
-
 use super::cpu::timed;
 use super::renderer::failure;
 use super::viewpoints;
 use crate::cache::{Cache, Cursor};
 use crate::cli::ingest_stats::IngestStats;
 use crate::cli::progress::Bar;
+use crate::leftovers::ScratchFolder;
 use crate::synth::{self, Recipe};
 use crate::{Error, Result};
 
@@ -49,13 +48,13 @@ pub(super) struct Prepared {
     /// Processor time of making it, seconds.
     pub(super) cpu_seconds: Option<f64>,
     /// Holds the cache, where it was made.
-    _folder: Option<TempDir>,
+    _folder: Option<ScratchFolder>,
 }
 
 /// Makes data sets and caches.
 #[derive(Debug)]
 pub(super) struct Workshop {
-    folder: TempDir,
+    folder: ScratchFolder,
     options: Vec<String>,
 }
 
@@ -68,7 +67,7 @@ impl Workshop {
         let parent = folder.map_or_else(std::env::temp_dir, Path::to_path_buf);
         let mut options = vec![format!("--memory={memory}")];
         options.extend(threads.map(|threads| format!("--threads={threads}")));
-        Ok(Self { folder: folder_in(&parent)?, options })
+        Ok(Self { folder: ScratchFolder::new_in(&parent)?, options })
     }
 
     /// The data set's cache; a source that was made for it is gone again.
@@ -82,7 +81,7 @@ impl Workshop {
             }
             Data::Given(path) => self.ingest(path),
             Data::Made(scale) => {
-                let folder = folder_in(self.folder.path())?;
+                let folder = ScratchFolder::new_in(self.folder.path())?;
                 let recipe = Recipe::parse(RECIPE, "scaling.toml")?.scaled(*scale)?;
                 let bar = Bar::new("synth", "cells");
                 let mut show = |done, total| bar.show("synth", done, total);
@@ -92,7 +91,7 @@ impl Workshop {
     }
 
     fn ingest(&self, input: &Path) -> Result<Prepared> {
-        let folder = folder_in(self.folder.path())?;
+        let folder = ScratchFolder::new_in(self.folder.path())?;
         let (cache, stats) = (folder.path().join("cache.dfc"), folder.path().join("stats.json"));
         let program = std::env::current_exe()
             .map_err(|source| Error::io("deepfield", "cannot find this program", source))?;
@@ -110,10 +109,6 @@ impl Workshop {
             .map_err(|error| Error::invalid(stats.display(), error.to_string()))?;
         Ok(Prepared { cache, ingest: Some(ingest), cpu_seconds, _folder: Some(folder) })
     }
-}
-
-fn folder_in(parent: &Path) -> Result<TempDir> {
-    TempDir::new_in(parent).map_err(|source| Error::io(parent, "cannot make a folder", source))
 }
 
 /// Scenes with their names.

@@ -13,6 +13,7 @@ use super::renderer::{Limits, Renderer};
 use super::table::{self, Row};
 use crate::cli::output::Output;
 use crate::cli::progress::Bar;
+use crate::cli::values;
 use crate::scene::Scene;
 use crate::{Error, Result};
 
@@ -26,9 +27,11 @@ pub(super) struct Arguments {
     #[arg(
         long,
         value_name = "LIST",
+        value_delimiter = ',',
+        value_parser = values::part,
         default_value = "1e-1,3e-2,1e-2,3e-3,1e-3,3e-4,1e-4,3e-5,1e-5"
     )]
-    tolerances: String,
+    tolerances: Vec<f64>,
     /// Write tolerance.csv and the plots seconds.svg, bytes.svg and samples.svg to this folder too
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -44,7 +47,6 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    let tolerances = parse_tolerances(&arguments.tolerances)?;
     let samples = Scene::load(&arguments.scene)?.render.samples;
     let renderer = Renderer::new(&arguments.limits)?;
     let Arguments { cache, scene, output, .. } = arguments;
@@ -55,7 +57,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let budget = Duration::from_secs(arguments.reference_seconds.into());
     let reference = Reference::new(&renderer, (cache, scene), samples, budget)?;
     let bench = Bench { renderer: &renderer, cache, scene, reference: &reference };
-    let mut rows = measure_rows(&bench, &tolerances)?;
+    let mut rows = measure_rows(&bench, &arguments.tolerances)?;
     let rivals = arguments.fixed.then(|| fixed::measure_all(&bench, samples, goal(&bench, &rows)));
     let mut rivals = rivals.transpose()?;
     time_again(&bench, &mut rows, rivals.as_deref_mut(), arguments.limits.repeat)?;
@@ -70,21 +72,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut output = Output::new();
     text.lines().try_for_each(|line| output.line(line))?;
     output.finish()
-}
-
-/// Numbers above 0 and at most 1, separated by commas.
-fn parse_tolerances(list: &str) -> Result<Vec<f64>> {
-    let parse = |text: &str| {
-        let tolerance = text.trim().parse().ok().filter(|t: &f64| *t > 0.0 && *t <= 1.0);
-        tolerance.ok_or_else(|| {
-            let text = text.escape_debug();
-            Error::request(format!(
-                "--tolerances: `{text}` is no part of the picture's largest value: write numbers \
-                 above 0 and at most 1, as in 1e-1,1e-2,1e-3"
-            ))
-        })
-    };
-    list.split(',').map(parse).collect()
 }
 
 fn measure_rows(bench: &Bench<'_>, tolerances: &[f64]) -> Result<Vec<Row>> {
