@@ -96,7 +96,7 @@ impl Drop for AtomicFile {
 }
 
 /// Whether both paths mean one file, be it there (links are followed) or to be written.
-pub fn is_same_file(a: &Path, b: &Path) -> bool {
+pub(crate) fn is_same_file(a: &Path, b: &Path) -> bool {
     match (fs::metadata(a), fs::metadata(b)) {
         (Ok(a), Ok(b)) => identity(&a) == identity(&b),
         (Err(_), Err(_)) => a == b || place(a).zip(place(b)).is_some_and(|(a, b)| a == b),

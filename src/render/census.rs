@@ -2,7 +2,7 @@
 
 /// What becomes of a brick, or of a subtree of them, in a walk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fate {
+pub(super) enum Fate {
     /// Its subtree is beside the window or behind the eye.
     OutOfView,
     /// Nothing in it emits or absorbs.
@@ -18,7 +18,7 @@ pub enum Fate {
 }
 
 /// Hears what becomes of bricks.
-pub trait Tally {
+pub(super) trait Tally {
     /// `bricks` bricks have met this fate.
     fn count(&mut self, fate: Fate, bricks: u64);
 }
@@ -30,7 +30,7 @@ impl Tally for () {
 
 /// How many bricks met which fate.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Census {
+pub(super) struct Census {
     /// [`Fate::OutOfView`].
     pub out_of_view: u64,
     /// [`Fate::Transparent`].

@@ -10,7 +10,7 @@ use crate::{Error, Result};
 
 /// A brick as the index describes it.
 #[derive(Debug, Clone, Copy)]
-pub struct BrickRequest {
+pub(super) struct BrickRequest {
     /// The node's index.
     pub node: u64,
     /// Where it lies.
@@ -38,7 +38,7 @@ impl Request for BrickRequest {
 }
 
 /// Loads bricks of one field under one mapping.
-pub struct BrickLoader<'r> {
+pub(super) struct BrickLoader<'r> {
     /// Where they are read from.
     pub cache: &'r Cache,
     /// The field and its mapping.
@@ -48,7 +48,7 @@ pub struct BrickLoader<'r> {
 }
 
 /// One thread's buffers for [`BrickLoader`].
-pub struct BrickScratch {
+pub(super) struct BrickScratch {
     decoder: Decoder,
     raw: RawBrick,
     surveyor: Surveyor,
@@ -59,14 +59,14 @@ impl BrickScratch {
     ///
     /// # Errors
     /// A codec that cannot be set up.
-    pub fn new(cache: &Cache) -> Result<Self> {
+    pub(super) fn new(cache: &Cache) -> Result<Self> {
         let decoder = Decoder::new()
             .map_err(|source| Error::io(cache.path(), "cannot set up decompression", source))?;
         Ok(Self { decoder, raw: RawBrick::default(), surveyor: Surveyor::default() })
     }
 
     /// Most bytes that one thread's buffers grow to.
-    pub fn bytes(cache: &Cache) -> u64 {
+    pub(super) fn bytes(cache: &Cache) -> u64 {
         let header = cache.header();
         let blocks = usize::from(header.max_parent_blocks) + 1;
         cache.decoder_bytes()

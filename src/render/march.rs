@@ -15,7 +15,7 @@ use super::walk::clip;
 
 /// A box inside a brick, in cells from its lowest corner, clipped to the domain.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Region {
+pub(super) struct Region {
     /// Lower corner.
     pub lo: [f64; 3],
     /// Upper corner.

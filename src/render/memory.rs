@@ -15,7 +15,7 @@ use crate::scene::Interpolation;
 use crate::{Error, Result};
 
 /// Stack of every thread, bytes; `STACK_TOUCHED` of it at most become resident.
-pub const STACK_BYTES: usize = 2 << 20;
+pub(super) const STACK_BYTES: usize = 2 << 20;
 /// What a thread uses of its stack, and its allocator's own, bytes.
 const STACK_TOUCHED: u64 = 256 << 10;
 /// Most reader threads: more do not decompress faster than the marching threads consume.
@@ -37,7 +37,7 @@ const MOST_THINNED: u64 = 512;
 /// How a picture divides its memory limit. The fewest bytes depend on picture, cache and threads
 /// only, never on the limit.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct MemoryPlan {
+pub(super) struct MemoryPlan {
     /// Threads that read ahead.
     pub readers: usize,
     /// Index windows that may be mapped at a time.
@@ -78,7 +78,7 @@ struct Demand {
 }
 
 /// Bytes that a brick of `shape` with `blocks` blocks takes while it is loaded.
-pub fn loaded_bytes(shape: BrickShape, blocks: usize, interpolation: Interpolation) -> u64 {
+pub(crate) fn loaded_bytes(shape: BrickShape, blocks: usize, interpolation: Interpolation) -> u64 {
     let overhead = Pool::<BrickLoader<'_>>::slot_overhead() + size_of::<ScaledBrick>() as u64;
     ScaledBrick::bytes(shape, blocks, interpolation) + overhead
 }
@@ -89,7 +89,7 @@ impl MemoryPlan {
     ///
     /// # Errors
     /// A limit that is too small: the message names the smallest that works, in MiB.
-    pub fn new(
+    pub(super) fn new(
         (cache, interpolation): (&Cache, Interpolation),
         pixels: &PixelGrid,
         threads: usize,
@@ -166,7 +166,7 @@ impl MemoryPlan {
     ///
     /// # Errors
     /// A budget in which something else has been reserved already.
-    pub fn reserve(&self, budget: &Budget) -> Result<Vec<Reservation>> {
+    pub(super) fn reserve(&self, budget: &Budget) -> Result<Vec<Reservation>> {
         self.parts.iter().map(|(what, bytes)| budget.reserve(what, *bytes)).collect()
     }
 }

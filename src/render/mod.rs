@@ -1,11 +1,11 @@
 //! Rendering: the tree of bricks is walked front to back for each tile of the picture, bricks
 //! stream through a pool of fixed size, and rays gather light in them.
 //!
-//! [`render`] is the way in. A picture is planned first: [`memory`] divides the limit, [`cut`]
-//! says where the descent ends, and one walk of the index ([`tree_walk`]) counts what the picture
-//! will need ([`census`]). Then `picture.rs` draws tiles: each walks the tree for its rays
-//! ([`rays`], `tile.rs`), a few steps ahead of the march so that bricks can be read ahead
-//! ([`load`]). [`view`] and [`frame`] hold the exact camera, [`march`] a ray's way through a
+//! [`render`] is the way in. A picture is planned first: `memory.rs` divides the limit, [`cut`]
+//! says where the descent ends, and one walk of the index (`tree_walk.rs`) counts what the picture
+//! will need (`census.rs`). Then `picture.rs` draws tiles: each walks the tree for its rays
+//! (`rays.rs`, `tile.rs`), a few steps ahead of the march so that bricks can be read ahead
+//! (`load.rs`). [`view`] and `frame.rs` hold the exact camera, `march.rs` a ray's way through a
 //! brick.
 
 mod absorb;
@@ -15,12 +15,12 @@ mod blocks;
 #[cfg(test)]
 mod cell_packet_tests;
 mod cell_shades;
-pub mod census;
+mod census;
 mod crossing;
 pub mod cut;
 mod effort;
 mod fill;
-pub mod frame;
+mod frame;
 mod goal;
 mod grade;
 mod halves;
@@ -30,8 +30,8 @@ mod interpolant_tests;
 mod ledger;
 #[cfg(test)]
 mod ledger_tests;
-pub mod load;
-pub mod march;
+mod load;
+mod march;
 mod march_cell;
 mod march_linear;
 mod march_packets;
@@ -40,7 +40,7 @@ mod march_tests;
 mod margin;
 #[cfg(test)]
 mod margin_tests;
-pub mod memory;
+pub(crate) mod memory;
 mod packet;
 #[cfg(test)]
 mod packet_tests;
@@ -52,9 +52,9 @@ mod polynomial;
 mod preload;
 mod probe;
 mod ranges;
-pub mod ray_error;
-pub mod ray_state;
-pub mod rays;
+mod ray_error;
+mod ray_state;
+mod rays;
 mod refine;
 mod relief;
 mod rounded;
@@ -62,7 +62,7 @@ mod run_tree;
 pub mod scaled;
 #[cfg(test)]
 mod scaled_tests;
-pub mod shading;
+mod shading;
 mod span;
 pub mod stats;
 mod steepness;
@@ -84,9 +84,9 @@ mod test_tree;
 mod thin;
 mod tile;
 mod touch;
-pub mod transfer_pieces;
+mod transfer_pieces;
 mod transfer_table;
-pub mod tree_walk;
+mod tree_walk;
 mod turns;
 pub mod view;
 #[cfg(test)]

@@ -5,7 +5,7 @@ const NEGLIGIBLE: f64 = 1e-9;
 
 /// A ray's sums, front to back.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RayState {
+pub(super) struct RayState {
     /// Radiance that reaches the eye so far: linear R, G, B.
     pub radiance: [f64; 3],
     /// The share of light from behind that still reaches the eye.
@@ -37,7 +37,7 @@ impl Default for RayState {
 impl RayState {
     /// Whether what lies behind may be left out.
     #[inline]
-    pub fn is_done(&self, ending: &Ending) -> bool {
+    pub(super) fn is_done(&self, ending: &Ending) -> bool {
         if self.transmittance > ending.transmittance {
             return false;
         }
@@ -132,7 +132,7 @@ impl RayState {
 
     /// 1 − transmittance, as exact where that is 10⁻³⁰ as elsewhere.
     #[inline]
-    pub fn opacity(&self) -> f64 {
+    pub(super) fn opacity(&self) -> f64 {
         (1.0 - self.transmittance) + self.transmittance_excess
     }
 }
@@ -176,7 +176,7 @@ pub(super) fn mean_series(depth: f64) -> f64 {
 
 /// Where a ray may end.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Ending {
+pub(super) struct Ending {
     /// Most light that can come from behind any place, before it is absorbed.
     pub brightest: f64,
     /// How much of light and opacity may be lost, in the picture's own unit.
@@ -187,7 +187,7 @@ pub struct Ending {
 
 impl Ending {
     /// An end where at most `allowed` is lost; 0: where no f32 shows it.
-    pub fn new(brightest: f64, allowed: f64) -> Self {
+    pub(super) fn new(brightest: f64, allowed: f64) -> Self {
         let transmittance = NEGLIGIBLE.max(allowed / brightest.max(1.0));
         Self { brightest, allowed, transmittance }
     }

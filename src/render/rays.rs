@@ -10,9 +10,9 @@ use super::view::View;
 use crate::scene::Samples;
 
 /// Most rays that are marched together.
-pub const BATCH_RAYS: usize = 4096;
+pub(super) const BATCH_RAYS: usize = 4096;
 /// Most pixels along a tile's edge.
-pub const TILE_SIDE: u32 = 64;
+pub(super) const TILE_SIDE: u32 = 64;
 /// Rows of tiles that are worked through together, column by column: neighbours in the picture
 /// share bricks.
 const STRIP_ROWS: u32 = 8;
@@ -21,7 +21,7 @@ const SLACK: f64 = 1e-3;
 
 /// A half-open rectangle of pixels: `lo <= pixel < hi` along x and y.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct PixelRect {
+pub(super) struct PixelRect {
     /// First column and row.
     pub lo: [u32; 2],
     /// One past the last column and row.
@@ -30,10 +30,10 @@ pub struct PixelRect {
 
 impl PixelRect {
     /// No pixel.
-    pub const NONE: Self = Self { lo: [0; 2], hi: [0; 2] };
+    pub(super) const NONE: Self = Self { lo: [0; 2], hi: [0; 2] };
 
     /// What both hold.
-    pub fn intersection(&self, other: &Self) -> Self {
+    pub(super) fn intersection(&self, other: &Self) -> Self {
         Self {
             lo: std::array::from_fn(|a| self.lo[a].max(other.lo[a])),
             hi: std::array::from_fn(|a| self.hi[a].min(other.hi[a])),
@@ -41,22 +41,22 @@ impl PixelRect {
     }
 
     /// Whether no pixel lies inside.
-    pub fn is_empty(&self) -> bool {
+    pub(super) fn is_empty(&self) -> bool {
         self.lo[0] >= self.hi[0] || self.lo[1] >= self.hi[1]
     }
 
     /// The columns.
-    pub fn columns(&self) -> Range<u32> {
+    pub(super) fn columns(&self) -> Range<u32> {
         self.lo[0]..self.hi[0]
     }
 
     /// The rows.
-    pub fn rows(&self) -> Range<u32> {
+    pub(super) fn rows(&self) -> Range<u32> {
         self.lo[1]..self.hi[1]
     }
 
     /// Number of pixels.
-    pub fn count(&self) -> usize {
+    pub(super) fn count(&self) -> usize {
         if self.is_empty() { 0 } else { self.columns().len() * self.rows().len() }
     }
 
@@ -69,7 +69,7 @@ impl PixelRect {
 /// A square of a pixel, as large as the pixel halved `halvings` times, and the ray through its
 /// centre; without area only the ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Square {
+pub(super) struct Square {
     /// The centre, pixels from the picture's left and upper edge.
     pub centre: [f64; 2],
     /// The pixel's number in its tile.
@@ -80,18 +80,18 @@ pub struct Square {
 
 impl Square {
     /// The square's part of its pixel.
-    pub fn weight(&self) -> f64 {
+    pub(super) fn weight(&self) -> f64 {
         (-2.0 * f64::from(self.halvings)).exp2()
     }
 
     /// Half its width, pixels.
-    pub fn half(&self) -> f64 {
+    pub(super) fn half(&self) -> f64 {
         // A power of two by its exponent.
         f64::from_bits((1022 - u64::from(self.halvings)) << 52)
     }
 
     /// Its four quarters.
-    pub fn quarters(&self) -> [Self; 4] {
+    pub(super) fn quarters(&self) -> [Self; 4] {
         let quarter = 0.5 * self.half();
         std::array::from_fn(|n| {
             let side = |a: usize| if n >> a & 1 == 1 { quarter } else { -quarter };
@@ -106,7 +106,7 @@ impl Square {
 
 /// All pixels of a picture, divided into tiles, and the rays that begin each.
 #[derive(Debug, Clone)]
-pub struct PixelGrid {
+pub(super) struct PixelGrid {
     view: View,
     samples: Samples,
     /// Edge of a tile, pixels.
@@ -117,7 +117,7 @@ pub struct PixelGrid {
 
 impl PixelGrid {
     /// The pixels of `view`, with the rays that `samples` asks for.
-    pub fn new(view: &View, samples: Samples) -> Self {
+    pub(super) fn new(view: &View, samples: Samples) -> Self {
         let per_axis = match samples {
             Samples::Area => 1,
             Samples::Grid(n) => n.clamp(1, TILE_SIDE),
@@ -127,17 +127,17 @@ impl PixelGrid {
 
     /// The pixels of `view` as samples of those of a larger picture: each has the area of one that
     /// is `part` as wide.
-    pub fn sparse(view: &View, part: f64) -> Self {
+    pub(super) fn sparse(view: &View, part: f64) -> Self {
         Self { part, ..Self::new(view, Samples::Area) }
     }
 
     /// The camera.
-    pub fn view(&self) -> &View {
+    pub(super) fn view(&self) -> &View {
         &self.view
     }
 
     /// Whether rays stand for squares of the picture, and not for themselves.
-    pub fn has_area(&self) -> bool {
+    pub(super) fn has_area(&self) -> bool {
         self.samples == Samples::Area
     }
 
@@ -150,7 +150,7 @@ impl PixelGrid {
     }
 
     /// What a ray's radiance counts for in its pixel.
-    pub fn weight(&self, square: &Square) -> f64 {
+    pub(super) fn weight(&self, square: &Square) -> f64 {
         match self.samples {
             Samples::Area => square.weight(),
             Samples::Grid(_) => f64::from(self.per_axis().pow(2)).recip(),
@@ -158,17 +158,17 @@ impl PixelGrid {
     }
 
     /// All pixels.
-    pub fn whole(&self) -> PixelRect {
+    pub(super) fn whole(&self) -> PixelRect {
         PixelRect { lo: [0; 2], hi: [self.view.width(), self.view.height()] }
     }
 
     /// (P, Q) of a place, pixels from the picture's left and upper edge.
-    pub fn plane_at(&self, [x, y]: [f64; 2]) -> DVec2 {
+    pub(super) fn plane_at(&self, [x, y]: [f64; 2]) -> DVec2 {
         self.view.plane(x, y)
     }
 
     /// (P, Q) of a square's centre.
-    pub fn plane(&self, square: &Square) -> DVec2 {
+    pub(super) fn plane(&self, square: &Square) -> DVec2 {
         self.plane_at(square.centre)
     }
 
@@ -178,12 +178,12 @@ impl PixelGrid {
     }
 
     /// Width and height in P and Q of what a pixel stands for.
-    pub fn pixel_size(&self) -> DVec2 {
+    pub(super) fn pixel_size(&self) -> DVec2 {
         (self.view.plane(1.0, 1.0) - self.view.plane(0.0, 0.0)).abs() * self.part
     }
 
     /// The rays with which the pixels of `rect` begin, pixel by pixel, in their order.
-    pub fn first_squares(&self, rect: &PixelRect, squares: &mut Vec<Square>) {
+    pub(super) fn first_squares(&self, rect: &PixelRect, squares: &mut Vec<Square>) {
         let (n, order) = (self.per_axis(), PixelOrder::of(rect));
         squares.clear();
         for number in 0..rect.count() {
@@ -199,7 +199,7 @@ impl PixelGrid {
     }
 
     /// The pixels that what has this footprint may be seen in.
-    pub fn seen(&self, footprint: &Footprint) -> PixelRect {
+    pub(super) fn seen(&self, footprint: &Footprint) -> PixelRect {
         let origin = self.view.plane(0.0, 0.0);
         let step = self.view.plane(1.0, 1.0) - origin;
         // Rows run against Q.
@@ -218,7 +218,7 @@ impl PixelGrid {
     }
 
     /// The part of a pixel that what has this footprint covers, at most.
-    pub fn covered(&self, footprint: &Footprint) -> f64 {
+    pub(super) fn covered(&self, footprint: &Footprint) -> f64 {
         let size = self.pixel_size();
         let part = (footprint.plane_hi - footprint.plane_lo) / size;
         let part = part.x.min(1.0) * part.y.min(1.0);
@@ -226,13 +226,13 @@ impl PixelGrid {
     }
 
     /// Number of tiles.
-    pub fn tiles(&self) -> u64 {
+    pub(super) fn tiles(&self) -> u64 {
         let [columns, rows] = self.tile_counts();
         u64::from(columns) * u64::from(rows)
     }
 
     /// The pixels of tile `index`.
-    pub fn tile(&self, index: u64) -> PixelRect {
+    pub(super) fn tile(&self, index: u64) -> PixelRect {
         let [columns, rows] = self.tile_counts().map(u64::from);
         let strip = index / (columns * u64::from(STRIP_ROWS));
         let first_row = strip * u64::from(STRIP_ROWS);
@@ -246,7 +246,7 @@ impl PixelGrid {
     }
 
     /// The last of the tiles, in their order, that have pixels of `rect`.
-    pub fn last_tile(&self, rect: &PixelRect) -> u64 {
+    pub(super) fn last_tile(&self, rect: &PixelRect) -> u64 {
         let [columns, rows] = self.tile_counts().map(u64::from);
         let [column, row] = rect.hi.map(|end| u64::from(end.saturating_sub(1) / self.tile));
         let first_row = row / u64::from(STRIP_ROWS) * u64::from(STRIP_ROWS);

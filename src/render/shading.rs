@@ -8,7 +8,7 @@ use crate::{Error, Result};
 
 /// The field that is shown, and how its values become colours.
 #[derive(Debug, Clone)]
-pub struct Shading {
+pub(super) struct Shading {
     /// Which field of the cache.
     pub field: usize,
     /// What the field is between cell centres.
@@ -33,7 +33,7 @@ impl Shading {
     /// # Errors
     /// A field that the cache does not hold, cgs units where the source does not say how, and a
     /// mapping without a finite range.
-    pub fn new(
+    pub(super) fn new(
         volume: &VolumeSettings,
         interpolation: Interpolation,
         header: &Header,
@@ -94,18 +94,18 @@ impl Shading {
     }
 
     /// The transfer function's x of a stored value, unclamped.
-    pub fn map(&self, stored: f32) -> f64 {
+    pub(super) fn map(&self, stored: f32) -> f64 {
         self.mapping.unclamped(f64::from(stored) * self.factor)
     }
 
     /// [`Self::map`] of all `stored` values.
-    pub fn map_all(&self, stored: &[f32], x: &mut [f64]) {
+    pub(super) fn map_all(&self, stored: &[f32], x: &mut [f64]) {
         Width::best().run(MapAll { shading: self, stored, x });
     }
 
     /// Whether nothing in [min, max] of stored values (and NaN, if `nan`) emits or absorbs. An
     /// empty range holds nothing.
-    pub fn is_transparent(&self, [min, max]: [f32; 2], nan: bool) -> bool {
+    pub(super) fn is_transparent(&self, [min, max]: [f32; 2], nan: bool) -> bool {
         let values = min > max || self.transfer.is_transparent(self.map(min), self.map(max));
         values && (!nan || self.transfer.is_transparent(self.map(f32::NAN), self.map(f32::NAN)))
     }

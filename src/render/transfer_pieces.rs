@@ -159,7 +159,7 @@ impl PieceList {
 /// The transfer function, cut at all its bends and steps, and the same with entries of a colour
 /// map taken together where that is close enough.
 #[derive(Debug, Clone, PartialEq)]
-pub struct TransferPieces {
+pub(super) struct TransferPieces {
     /// Cut at every bend.
     pub(super) all: PieceList,
     /// As few pieces as the allowed deviation needs.
@@ -171,7 +171,7 @@ pub struct TransferPieces {
 impl TransferPieces {
     /// Cuts `transfer` into its pieces, those of a named colour map included; `allowed` is the
     /// largest deviation of the emission where the extinction is at least what it is given.
-    pub fn new(transfer: &TransferFunction, allowed: impl Fn(f64) -> f64) -> Self {
+    pub(super) fn new(transfer: &TransferFunction, allowed: impl Fn(f64) -> f64) -> Self {
         let sample = |x: f64| (transfer.extinction(x), transfer.emission(x));
         let inside = |x: &f64| *x > 0.0 && *x < 1.0;
         let mut cuts = vec![0.0, 1.0];
@@ -191,13 +191,13 @@ impl TransferPieces {
     }
 
     /// An upper bound of the emission of any channel, radiance / code length.
-    pub fn largest_emission(&self) -> f64 {
+    pub(super) fn largest_emission(&self) -> f64 {
         self.largest_emission
     }
 
     /// The largest emission over extinction: no light from behind is brighter, whatever the way
     /// it comes. Infinite where something emits that does not absorb.
-    pub fn brightest(&self) -> f64 {
+    pub(super) fn brightest(&self) -> f64 {
         self.brightest
     }
 }

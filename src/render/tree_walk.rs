@@ -19,7 +19,7 @@ use crate::space::{FRACTION_BITS, Position};
 use crate::{Error, Result};
 
 /// Reads index records.
-pub trait Index {
+pub(super) trait Index {
     /// The records of node `node`: its own, and its field's.
     ///
     /// # Errors
@@ -28,7 +28,7 @@ pub trait Index {
 }
 
 /// Records of one field of a cache.
-pub struct FieldIndex<'c> {
+pub(super) struct FieldIndex<'c> {
     /// Reads the cache's index.
     pub cursor: Cursor<'c>,
     /// Which field.
@@ -42,7 +42,7 @@ impl Index for FieldIndex<'_> {
 }
 
 /// What all walks of a picture share.
-pub struct Scenery<'r> {
+pub(super) struct Scenery<'r> {
     /// The tree's levels, its brick shape and domain.
     pub header: &'r Header,
     /// The camera.
@@ -57,7 +57,7 @@ pub struct Scenery<'r> {
 
 /// One piece to draw: a brick, or one octant of it.
 #[derive(Debug, Clone, Copy)]
-pub struct Step {
+pub(super) struct Step {
     /// The brick.
     pub request: BrickRequest,
     /// The camera as the brick sees it.
@@ -91,7 +91,7 @@ struct Open {
 /// A walk through the window of pixels `window`, depth first and front to back. Memory grows with
 /// the depth only. The tally hears of every brick in the tree once, on its own or as one of a
 /// subtree.
-pub struct Walk<'r, I, T> {
+pub(super) struct Walk<'r, I, T> {
     scenery: &'r Scenery<'r>,
     index: &'r mut I,
     tally: T,
@@ -103,7 +103,7 @@ pub struct Walk<'r, I, T> {
 
 impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
     /// A walk that begins at the root.
-    pub fn new(
+    pub(super) fn new(
         scenery: &'r Scenery<'r>,
         index: &'r mut I,
         tally: T,
@@ -119,7 +119,10 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
     ///
     /// # Errors
     /// A damaged index.
-    pub fn next(&mut self, needed: impl Fn(&PixelRect, &Footprint) -> f64) -> Result<Option<Step>> {
+    pub(super) fn next(
+        &mut self,
+        needed: impl Fn(&PixelRect, &Footprint) -> f64,
+    ) -> Result<Option<Step>> {
         if !self.is_started {
             self.is_started = true;
             let root = self.scenery.header.levels.first().map_or(0, |level| level.octree);
@@ -153,7 +156,7 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
     }
 
     /// What the tally has heard.
-    pub fn into_tally(self) -> T {
+    pub(super) fn into_tally(self) -> T {
         self.tally
     }
 
