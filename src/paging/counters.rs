@@ -8,11 +8,11 @@ use super::Loaded;
 /// Keys below this are told apart exactly when loads are counted as first or further ones; with
 /// larger keys two bricks may share a mark (by the key's hash), and the second one's first load
 /// then counts as a further one. It keeps the marks within 2 MiB.
-pub const LARGEST_EXACT_KEY: u64 = 1 << 24;
+pub(crate) const LARGEST_EXACT_KEY: u64 = 1 << 24;
 
 /// Counts loads, exactly and from any thread.
 #[derive(Debug)]
-pub struct Counters {
+pub(crate) struct Counters {
     /// One bit a key: loaded before.
     marks: Vec<AtomicU64>,
     first_loads: Vec<AtomicU64>,
@@ -26,7 +26,7 @@ pub struct Counters {
 
 impl Counters {
     /// Counters for keys below `keys` at `levels` levels.
-    pub fn new(keys: u64, levels: usize) -> Self {
+    pub(crate) fn new(keys: u64, levels: usize) -> Self {
         let words = usize::try_from(Self::bytes(keys) / 8).unwrap_or(0);
         Self {
             marks: zeros(words),
@@ -41,27 +41,27 @@ impl Counters {
     }
 
     /// Bytes that the marks of keys below `keys` take.
-    pub fn bytes(keys: u64) -> u64 {
+    pub(crate) fn bytes(keys: u64) -> u64 {
         8 * keys.clamp(1, LARGEST_EXACT_KEY).div_ceil(64)
     }
 
     /// Bricks of `level` that were loaded at least once.
-    pub fn distinct_at(&self, level: usize) -> u64 {
+    pub(crate) fn distinct_at(&self, level: usize) -> u64 {
         self.first_loads.get(level).map_or(0, load)
     }
 
     /// Bricks that were loaded at least once.
-    pub fn distinct(&self) -> u64 {
+    pub(crate) fn distinct(&self) -> u64 {
         self.first_loads.iter().map(load).sum()
     }
 
     /// Loads of bricks that had been loaded before.
-    pub fn reloaded(&self) -> u64 {
+    pub(crate) fn reloaded(&self) -> u64 {
         load(&self.further_loads)
     }
 
     /// What all loads together took from the file.
-    pub fn loaded(&self) -> Loaded {
+    pub(crate) fn loaded(&self) -> Loaded {
         Loaded {
             read: load(&self.bytes_read),
             decompressed: load(&self.bytes_decompressed),
@@ -71,13 +71,13 @@ impl Counters {
 
     /// Time that users spent until bricks they asked for were read, or loaded by others, all
     /// threads together.
-    pub fn waited(&self) -> Duration {
+    pub(crate) fn waited(&self) -> Duration {
         time(&self.waited_nanoseconds)
     }
 
     /// Time that users spent on preparing bricks themselves after these had been read, all threads
     /// together.
-    pub fn worked(&self) -> Duration {
+    pub(crate) fn worked(&self) -> Duration {
         time(&self.worked_nanoseconds)
     }
 

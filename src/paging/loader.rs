@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::Result;
 
 /// Names a brick, and carries what is needed to load it.
-pub trait Request: Copy + Send + Sync {
+pub(crate) trait Request: Copy + Send + Sync {
     /// What tells bricks apart: the node's index.
     fn key(&self) -> u64;
     /// Which group of the counters the brick counts in: its tree level.
@@ -18,7 +18,7 @@ pub trait Request: Copy + Send + Sync {
 
 /// What a load took from the file.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Loaded {
+pub(crate) struct Loaded {
     /// Bytes read.
     pub read: u64,
     /// Bytes after decompression.
@@ -28,7 +28,7 @@ pub struct Loaded {
 }
 
 /// Fills slots of the pool. Shared by all threads; what a thread needs of its own is its scratch.
-pub trait Loader: Sync {
+pub(crate) trait Loader: Sync {
     /// Names a brick.
     type Request: Request;
     /// A slot: a brick ready for use. Its memory is reused.

@@ -11,9 +11,9 @@ mod pool;
 mod read_ahead;
 mod resident;
 
-pub use budget::{Budget, MEBIBYTE, Reservation};
-pub use counters::{Counters, LARGEST_EXACT_KEY};
-pub use loader::{Loaded, Loader, Request};
-pub use pool::{Pinned, Pool};
-pub use read_ahead::{ReadAhead, run_reader};
-pub use resident::peak_rss_bytes;
+pub(crate) use budget::{Budget, MEBIBYTE, Reservation};
+pub(crate) use counters::Counters;
+pub(crate) use loader::{Loaded, Loader, Request};
+pub(crate) use pool::{Pinned, Pool};
+pub(crate) use read_ahead::{ReadAhead, run_reader};
+pub(crate) use resident::peak_rss_bytes;

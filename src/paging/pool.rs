@@ -10,7 +10,7 @@ use crate::{Error, Result};
 
 /// A brick in use: its slot is not reused while this lives.
 #[derive(Debug)]
-pub struct Pinned<B>(Arc<B>);
+pub(crate) struct Pinned<B>(Arc<B>);
 
 impl<B> Deref for Pinned<B> {
     type Target = B;
@@ -25,7 +25,7 @@ impl<B> Deref for Pinned<B> {
 /// A thread that asks for a brick that another one is loading waits for it. If that load fails,
 /// the waiting thread tries itself, so that each gets its own error, and the pool goes on.
 /// Nothing ever waits for a slot: those who pin must be few enough (see [`Self::get`]).
-pub struct Pool<'l, L: Loader> {
+pub(crate) struct Pool<'l, L: Loader> {
     loader: L,
     counters: &'l Counters,
     clock: Mutex<Clock<L::Brick>>,
@@ -34,12 +34,12 @@ pub struct Pool<'l, L: Loader> {
 
 impl<'l, L: Loader> Pool<'l, L> {
     /// A pool of at most `slots` slots that `loader` fills; loads are counted in `counters`.
-    pub fn new(slots: usize, loader: L, counters: &'l Counters) -> Self {
+    pub(crate) fn new(slots: usize, loader: L, counters: &'l Counters) -> Self {
         Self { loader, counters, clock: Mutex::new(Clock::new(slots)), changed: Condvar::new() }
     }
 
     /// Bytes of the pool's own for each slot, beside the brick in it.
-    pub const fn slot_overhead() -> u64 {
+    pub(crate) const fn slot_overhead() -> u64 {
         Clock::<L::Brick>::slot_bytes()
     }
 
@@ -48,7 +48,11 @@ impl<'l, L: Loader> Pool<'l, L> {
     /// # Errors
     /// What the loader says; and when every slot is pinned or being filled, which cannot happen
     /// if there are as many slots as all threads together pin and fill at a time.
-    pub fn get(&self, request: &L::Request, scratch: &mut L::Scratch) -> Result<Pinned<L::Brick>> {
+    pub(crate) fn get(
+        &self,
+        request: &L::Request,
+        scratch: &mut L::Scratch,
+    ) -> Result<Pinned<L::Brick>> {
         let mut clock = self.lock();
         let (key, last_turn) = (request.key(), request.last_turn());
         if let Found::Ready(brick) = clock.find(key, last_turn) {
@@ -91,18 +95,18 @@ impl<'l, L: Loader> Pool<'l, L> {
     }
 
     /// Turns begin anew: none is over.
-    pub fn begin_turns(&self) {
+    pub(crate) fn begin_turns(&self) {
         self.lock().forget_turns();
     }
 
     /// All turns before `turn` are over: slots of bricks that only these need are the first to be
     /// reused, before new ones are made.
-    pub fn turns_are_over(&self, turn: u64) {
+    pub(crate) fn turns_are_over(&self, turn: u64) {
         self.lock().turns_are_over(turn);
     }
 
     /// Whether the brick of `key` is there or on its way.
-    pub fn holds(&self, key: u64) -> bool {
+    pub(crate) fn holds(&self, key: u64) -> bool {
         self.lock().holds(key)
     }
 
@@ -120,7 +124,7 @@ impl<'l, L: Loader> Pool<'l, L> {
     ///
     /// # Errors
     /// What the loader says. Who then asks for the brick gets the error again.
-    pub fn load_ahead(&self, request: &L::Request, scratch: &mut L::Scratch) -> Result<()> {
+    pub(crate) fn load_ahead(&self, request: &L::Request, scratch: &mut L::Scratch) -> Result<()> {
         let mut clock = self.lock();
         if clock.holds(request.key()) {
             return Ok(());

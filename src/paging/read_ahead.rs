@@ -5,21 +5,21 @@ use crossbeam::channel::{Receiver, Sender, bounded};
 use super::{Loader, Pool, Request};
 
 /// The requesting end: names bricks that will be needed soon.
-pub struct ReadAhead<R> {
+pub(crate) struct ReadAhead<R> {
     requests: Sender<R>,
 }
 
 impl<R: Request> ReadAhead<R> {
     /// The requesting end and the readers' end of a queue of at most `capacity` requests. The
     /// readers stop when every clone of the requesting end is gone.
-    pub fn new(capacity: usize) -> (Self, Receiver<R>) {
+    pub(crate) fn new(capacity: usize) -> (Self, Receiver<R>) {
         let (requests, receiver) = bounded(capacity);
         (Self { requests }, receiver)
     }
 
     /// Asks for a brick, unless `pool` holds it. When the readers are too busy it is announced and no
     /// more: whoever needs the brick then loads it.
-    pub fn request<L: Loader<Request = R>>(&self, pool: &Pool<'_, L>, request: R) {
+    pub(crate) fn request<L: Loader<Request = R>>(&self, pool: &Pool<'_, L>, request: R) {
         if pool.announce(&request) && !self.requests.is_full() {
             // A queue that is full by now is no fault: whoever needs the brick loads it.
             let _ = self.requests.try_send(request);
@@ -35,7 +35,7 @@ impl<R> Clone for ReadAhead<R> {
 
 /// Loads what is asked for until no one is left to ask. An error is left to whoever needs the
 /// brick, who meets it again and reports it.
-pub fn run_reader<L: Loader>(
+pub(crate) fn run_reader<L: Loader>(
     pool: &Pool<'_, L>,
     requests: &Receiver<L::Request>,
     scratch: &mut L::Scratch,

@@ -2,7 +2,7 @@
 
 /// The largest resident set that the process has had so far (VmHWM), bytes; none where the
 /// system does not say.
-pub fn peak_rss_bytes() -> Option<u64> {
+pub(crate) fn peak_rss_bytes() -> Option<u64> {
     parse_peak(&std::fs::read_to_string("/proc/self/status").ok()?)
 }
 
