@@ -192,7 +192,7 @@ fn what_is_read_is_not_written_over() {
 }
 
 #[test]
-fn statistics_that_cannot_be_written_are_told_before_the_work() {
+fn what_cannot_be_written_is_told_before_the_work() {
     let (folder, source) = data("small");
     let [cache, other] = ["cache.dfc", "other.dfc"].map(|name| folder.path().join(name));
     let nowhere = folder.path().join("no/stats.json");
@@ -203,6 +203,10 @@ fn statistics_that_cannot_be_written_are_told_before_the_work() {
     let picture = folder.path().join("picture.exr");
     let line = run(&[&"render", &cache, &scene, &"-o", &picture, &"--stats", &nowhere]).failed();
     assert!(line.contains("no/stats.json") && !picture.exists(), "{line}");
+    // Before anything is read: there is no such scene.
+    let nowhere = folder.path().join("no/picture.exr");
+    let line = run(&[&"render", &cache, &"no-scene.toml", &"-o", &nowhere]).failed();
+    assert!(line.contains("no/picture.exr"), "{line}");
 }
 
 #[test]

@@ -14,6 +14,7 @@ use bricks::random::Random;
 use bricks::sets::Set;
 use bricks::slice::Slice;
 use bricks::{Scale, Tree};
+use deepfield::atomic_file::AtomicFile;
 use deepfield::image::write_png;
 use deepfield::render::cut::FootprintCut;
 use deepfield::render::interpolant::DrawnNeighbours;
@@ -278,7 +279,8 @@ fn pictures_with_and_without_the_rule() {
     let without = |p: &Position| tree.unblended(p, Scale::Log10);
     let write = |name: &str, value: &dyn Fn(&Position) -> f64| {
         let film = slice.picture(&tree, 360, value);
-        write_png(folder.join(name), &film, 0.0, [0.0; 3]).unwrap();
+        let file = AtomicFile::create(folder.join(name)).unwrap();
+        write_png(file, &film, 0.0, [0.0; 3]).unwrap();
     };
     write("seams-with.png", &with);
     write("seams-without.png", &without);

@@ -1,6 +1,6 @@
 //! `deepfield render`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Args;
@@ -10,6 +10,7 @@ use super::progress::Bar;
 use super::stats_file::{StatsFile, json};
 use super::{fields, size};
 use crate::Result;
+use crate::atomic_file::AtomicFile;
 use crate::cache::{Cache, Cursor};
 use crate::image::{Format, write_exr, write_png};
 use crate::render::stats::Stats;
@@ -57,6 +58,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let written: Vec<_> =
         [("the picture", arguments.output.as_path())].into_iter().chain(stats).collect();
     refuse_same(&written, &[("the cache", &arguments.cache), ("the scene", &arguments.scene)])?;
+    let picture = AtomicFile::create(&arguments.output)?;
     let stats_file = arguments.stats.as_deref().map(StatsFile::begin).transpose()?;
     let mut scene = Scene::load(&arguments.scene)?;
     let settings = &mut scene.render;
@@ -78,7 +80,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut rendered = render(&cache, &scene, &options)?;
     rendered.stats.set_opening(opening);
     warn_of_bound(&rendered.stats);
-    write_picture(&arguments.output, format, &rendered, &scene, &cache)?;
+    write_picture((picture, format), &rendered, &scene, &cache)?;
     stats_file.map_or(Ok(()), |file| file.write(&rendered.stats))
 }
 
@@ -142,15 +144,14 @@ fn all_cores() -> usize {
 }
 
 fn write_picture(
-    path: &Path,
-    format: Format,
+    (file, format): (AtomicFile, Format),
     rendered: &Rendered,
     scene: &Scene,
     cache: &Cache,
 ) -> Result<()> {
     let film = &rendered.film;
     match format {
-        Format::Png => write_png(path, film, scene.image.exposure, scene.render.background),
+        Format::Png => write_png(file, film, scene.image.exposure, scene.render.background),
         Format::Exr => {
             let attributes = [
                 ("deepfieldVersion", env!("CARGO_PKG_VERSION").to_owned()),
@@ -159,7 +160,7 @@ fn write_picture(
                 ("deepfieldStats", json(&rendered.stats)?),
             ];
             let attributes = attributes.map(|(name, value)| (name.to_owned(), value));
-            write_exr(path, film, &attributes, rendered.writers)
+            write_exr(file, film, &attributes, rendered.writers)
         }
     }
 }

@@ -30,7 +30,7 @@ const STACK_BYTES: usize = 1 << 20;
 /// Longest attribute name that every reader takes (bytes).
 const MAX_NAME: usize = 31;
 
-/// Writes `film` to `path`: scan lines of R, G, B, A as 32-bit floats under ZIP compression, with
+/// Writes `film` to `file`: scan lines of R, G, B, A as 32-bit floats under ZIP compression, with
 /// `attributes` (name, UTF-8 text) in their order. Equal films and attributes give equal bytes.
 ///
 /// Blocks of 16 rows (wide pictures: single rows) are compressed on up to `threads` threads, one on
@@ -39,16 +39,15 @@ const MAX_NAME: usize = 31;
 /// differ from run to run.
 ///
 /// # Errors
-/// A path that cannot be written (nothing is left there then), and attribute names that the format
-/// does not take.
+/// The system's, as a full disk, and attribute names that the format does not take; nothing is left
+/// there then.
 pub fn write_exr(
-    path: impl AsRef<Path>,
+    file: AtomicFile,
     film: &Film,
     attributes: &[(String, String)],
     threads: usize,
 ) -> Result<()> {
     check_names(attributes)?;
-    let file = AtomicFile::create(path)?;
     let mut writer = BufWriter::new(file.file());
     let threads = threads.clamp(1, MOST_WRITERS);
     write_image(&mut writer, film, attributes, threads)

@@ -10,18 +10,12 @@ use crate::atomic_file::AtomicFile;
 use crate::scene::linear_to_srgb;
 use crate::{Error, Result};
 
-/// Writes `film` to `path` as 8-bit sRGB: (pixel + (1 − A)·background)·2^exposure, clamped.
+/// Writes `film` to `file` as 8-bit sRGB: (pixel + (1 − A)·background)·2^exposure, clamped.
 /// `exposure` is in stops, `background` in linear RGB. Memory beyond the film: a few rows.
 ///
 /// # Errors
-/// A path that cannot be written; nothing is left there then.
-pub fn write_png(
-    path: impl AsRef<Path>,
-    film: &Film,
-    exposure: f64,
-    background: [f64; 3],
-) -> Result<()> {
-    let file = AtomicFile::create(path)?;
+/// The system's, as a full disk; nothing is left there then.
+pub fn write_png(file: AtomicFile, film: &Film, exposure: f64, background: [f64; 3]) -> Result<()> {
     let mut writer = BufWriter::new(file.file());
     write_image(&mut writer, film, exposure, background)
         .and_then(|()| Ok(writer.flush()?))

@@ -21,7 +21,8 @@
 //! more than its share of the tolerance can follow stops inside the brick. What rounding may do
 //! is graded per group of cells ([`crate::render::grade`]; kept with bricks that areas pass many times,
 //! `grade/kept.rs`); rays stop before cells that are not fit for it. All numbers are the brick's
-//! own, near 1: lengths in cells, light relative to the transfer function's largest.
+//! own, near 1: lengths in cells, light relative to the transfer function's largest. All of this is
+//! put together in [`journey`].
 //!
 //! Where cells are constant, rays walk through the cells themselves ([`cells`]). What a cell emits and
 //! absorbs is known from when its brick was loaded (`render/cell_shades.rs`). A crossing from one to
@@ -39,6 +40,7 @@ mod cells;
 mod cube;
 mod deal;
 mod gain;
+mod journey;
 mod long;
 mod rows;
 mod shade;
@@ -47,17 +49,9 @@ mod sums;
 mod walk;
 
 pub(super) use self::blended::{MOST_PARENTS, Parents};
-
-use self::blended::{Along, Bends, Part, is_crooked};
-use self::cube::{Cube, Skew};
 pub(super) use self::gain::DEEPEST;
-use self::gain::{Steep, Stretch};
-use self::rows::is_less;
-use self::square::{Shift, Squares};
-use self::sums::Sums;
 use self::walk::{Exit, Walk};
 use super::lanes::{Kernel, Lanes, MOST_LANES, Row};
-use super::scaled::dual;
 use super::transfer_table::TransferTable;
 
 /// What rounding may do to places in a brick, cells.
@@ -251,120 +245,12 @@ impl Kernel for March<'_> {
             };
         }
         match (absorbs, self.blended) {
-            (true, true) => march::<L, true, true>(lanes, self.ground, self.packet),
-            (true, false) => march::<L, true, false>(lanes, self.ground, self.packet),
-            (false, true) => march::<L, false, true>(lanes, self.ground, self.packet),
-            (false, false) => march::<L, false, false>(lanes, self.ground, self.packet),
+            (true, true) => journey::march::<L, true, true>(lanes, self.ground, self.packet),
+            (true, false) => journey::march::<L, true, false>(lanes, self.ground, self.packet),
+            (false, true) => journey::march::<L, false, true>(lanes, self.ground, self.packet),
+            (false, false) => journey::march::<L, false, false>(lanes, self.ground, self.packet),
         }
     }
-}
-
-#[inline(always)]
-fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
-    l: L,
-    ground: &Ground<'_>,
-    packet: &mut Packet,
-) {
-    let mut walk = Walk::new(l, ground, packet);
-    let (bends, skew) = (Bends::new(l, walk.direction()), Skew::new(l, walk.direction()));
-    let mut sums = Sums::load(l, packet);
-    let (thickness, allowed) = (l.load(&packet.thickness), l.load(&packet.allowed));
-    let (squares, has_squares) = (Squares::load(l, packet), !ground.reliefs.is_empty());
-    let fade = l.load(&packet.fade);
-    let mut active = l.mask(packet.active);
-    let mut stopped = l.mask(0);
-    let mut count = 0;
-    let side = l.splat(ground.side as f32);
-    let zero = l.splat(0.0);
-    loop {
-        let group = walk.group(ground.groups);
-        let row = l.gather_row(ground.rows, group);
-        let bits = l.bits_of(row[4]);
-        let mut unfit = l.is_index(bits, UNFIT);
-        let duals = walk.index(l.splat((ground.side - 1) as f32));
-        if !ground.kinds.is_empty() {
-            let kind = l.gather_bytes(ground.kinds, duals);
-            let expected = if BLENDED { dual::BLENDED } else { dual::PLAIN };
-            let fit = l.without(l.is_index(kind, u32::from(expected)), unfit);
-            unfit = l.without(l.mask(!0), fit);
-        }
-        stopped = l.mask(l.bits(stopped) | l.bits(l.and(active, unfit)));
-        active = l.without(active, unfit);
-        if l.bits(active) == 0 {
-            break;
-        }
-        let cube = Cube::new(l, (ground.values, ground.side), walk.index(side));
-        walk.locate();
-        let exit = walk.exit(walk.planes());
-        let way = l.select(active, exit.way, zero);
-        let [emission_off, extinction_off] = unpacked(l, bits, active);
-        let stored = [row[0], row[1], row[2], row[3]];
-        let stretch = Stretch {
-            cube: &cube,
-            bend: cube.bend(l, &skew, (walk.place, way)),
-            part: None,
-            place: walk.place,
-            direction: walk.direction(),
-            from: zero,
-            way,
-            thickness,
-            rate: extinction_off,
-            stored,
-        };
-        let mut steep = Steep::none(l);
-        let shift = if has_squares {
-            squares.shift(l, ground, (&walk, way, group), BLENDED)
-        } else {
-            Shift::none(l)
-        };
-        if BLENDED {
-            let mut from = zero;
-            let exists = l.gather_bytes(ground.corners, duals);
-            let crooked = l.and(active, is_crooked(l, exists));
-            let mut ahead = active;
-            while l.bits(ahead) != 0 {
-                let to = bends.next(l, walk.place, [from, way], crooked);
-                let length = l.max(l.select(ahead, l.sub(to, from), zero), zero);
-                let middle = walk.behind(l.fma(length, l.splat(0.5), from));
-                let along = Along { from: walk.behind(from), middle, length, skew: &skew };
-                let part = Part::new(l, ground, (&walk.cell, exists, ahead), along);
-                let bend = cube.bend(l, &skew, (along.from, length));
-                let stretch = Stretch { bend, part: Some(&part), from, way: length, ..stretch };
-                let passed = sums.pass::<ABSORBS>(l, ground, (allowed, ahead), &stretch);
-                count += passed.count;
-                if has_squares {
-                    shift.add::<ABSORBS>(l, ground, packet, (&passed, length), ahead);
-                }
-                steep.add::<ABSORBS>(l, &passed.steep);
-                ahead = l.and(ahead, is_less(l, to, way));
-                from = l.select(ahead, to, from);
-            }
-        } else {
-            let passed = sums.pass::<ABSORBS>(l, ground, (allowed, active), &stretch);
-            count += passed.count;
-            if has_squares {
-                shift.add::<ABSORBS>(l, ground, packet, (&passed, way), active);
-            }
-            steep = passed.steep;
-        }
-        let lit = steep.lit;
-        sums.off = add_off::<L, ABSORBS>(l, sums.off, [emission_off, extinction_off], lit, way);
-        if !ground.levels.is_empty() {
-            let levels = l.bits_of(if ground.are_proxies { row[6] } else { row[5] });
-            let rates = unpacked(l, levels, active);
-            sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, lit, way);
-        }
-        if ground.are_proxies {
-            // Others' values are not those that were met.
-            steep.slopes = [l.splat(f32::MAX); 3];
-        }
-        sums.stored = add_stored::<L, ABSORBS>(l, sums.stored, (stored, active), &steep, way);
-        active = go_on::<L, ABSORBS>(l, &mut walk, &exit, active, (sums.depth, fade));
-    }
-    sums.store(l, packet);
-    walk.store(packet);
-    packet.active = l.bits(stopped);
-    packet.count += count;
 }
 
 /// Takes active lanes to their next cells. Returns those that are still on their way: neither out of
@@ -392,25 +278,6 @@ fn rates_at<L: Lanes>(l: L, rates: &[u32], group: L::Index, active: L::Mask) -> 
 fn unpacked<L: Lanes>(l: L, bits: L::Index, active: L::Mask) -> [L::Float; 2] {
     let zero = l.splat(0.0);
     [l.select(active, l.upper_half(bits), zero), l.select(active, l.lower_half(bits), zero)]
-}
-
-/// Adds what values in a group that are stored as `row` says make over `way`, in active lanes: by
-/// the group's steepest slopes, or by those that were met.
-#[inline(always)]
-fn add_stored<L: Lanes, const ABSORBS: bool>(
-    l: L,
-    mut sums: [L::Float; 3],
-    (row, active): ([L::Float; 4], L::Mask),
-    Steep { lit, slopes }: &Steep<L>,
-    way: L::Float,
-) -> [L::Float; 3] {
-    let [emission, extinction, ..] = row;
-    let of_group = [l.mul(emission, *lit), l.mul(extinction, *lit), l.mul(extinction, way)];
-    for n in 0..if ABSORBS { 3 } else { 1 } {
-        let least = l.min(of_group[n], slopes[n]);
-        sums[n] = l.add(sums[n], l.select(active, least, l.splat(0.0)));
-    }
-    sums
 }
 
 /// Adds what is off over `way`, of which `lit` is seen.
