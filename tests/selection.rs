@@ -65,6 +65,34 @@ impl Set {
         output.done().lines().skip(1).map(found).collect()
     }
 
+    /// Draws what is kept within 10 % and exactly, and compares both. Returns whether the first drew
+    /// coarser levels.
+    fn hold_to_bound(&self, cache: &Path, interpolation: &str, position: &str) -> usize {
+        let scene = format!(
+            "[image]\nwidth = 16\nheight = 12\n[camera]\nposition = {position}\nfov = 30.0\n\
+             look_at = [0.5, 0.62, 0.37]\n[render]\ninterpolation = \"{interpolation}\"\n\
+             samples = 1\n[[volume]]\nfield = \"density\"\nrange = [0.3, 500.0]\n\
+             color = [[0.0, 1.0, 1.0, 1.0]]\nabsorption = [[0.0, 1.0]]\n"
+        );
+        let scene = written(self.folder.path(), "scene.toml", &scene);
+        let draw = |tolerance: &str| {
+            let [picture, stats] =
+                ["picture.exr", "stats.json"].map(|n| self.folder.path().join(n));
+            let options = [&"--tolerance" as &dyn AsRef<_>, &tolerance, &"--stats", &stats];
+            let arguments = [&"render" as &dyn AsRef<_>, &cache, &scene, &"-o", &picture];
+            run(&[&arguments[..], &options].concat()).done();
+            let stats: Value = serde_json::from_slice(&std::fs::read(stats).unwrap()).unwrap();
+            (support::read_exr(&picture).unwrap().2, stats)
+        };
+        let ((rough, stats), (exact, _)) = (draw("10%"), draw("0"));
+        let bound = stats["error_bound"].as_f64().unwrap();
+        assert!(bound <= stats["tolerance"].as_f64().unwrap(), "{stats}");
+        let off = rough.iter().flatten().zip(exact.iter().flatten()).map(|(a, b)| (a - b).abs());
+        let off = f64::from(off.fold(0.0, f32::max));
+        assert!(off <= bound + 1e-6, "{off:e}, but at most {bound:e}: {position} {interpolation}");
+        usize::from(stats["bricks_skipped_resolution"].as_u64() > Some(0))
+    }
+
     fn pixels(&self, cache: &Path, volume: &str) -> Vec<[f32; 4]> {
         let scene = format!(
             "[image]\nwidth = 24\nheight = 24\n[camera]\nposition = [0.45, 0.4, -1.2]\n\
@@ -195,7 +223,33 @@ fn lossy_storage_keeps_its_relative_error() {
         }
     }
     let wrong = run(&[&"ingest", &set.source, &"-o", &set.folder.path().join("x"), &"--error=1"]);
-    assert!(wrong.failed().contains("--error"));
+    assert!(wrong.misused().contains("--error"));
+}
+
+/// What is dropped lies between bricks' cells, and in cells of coarser levels that are kept.
+const SELECTIONS: [&[&str]; 4] = [
+    &["--drop-below=1.5"],
+    &["--drop-below=4.4187"],
+    &["--region", "0.21,0.26,0.16", "0.63,0.94,0.57"],
+    &["--drop-below=2.5", "--region", "0.05,0.3,0.1", "0.93,0.9,0.7"],
+];
+
+#[test]
+fn pictures_of_what_remains_keep_their_bound() {
+    let (mut coarser, mut pictures) = (0, 0);
+    for (name, brick) in [("small", "--brick=8"), ("jumps", "--brick=8"), ("small", "--brick=16")] {
+        let set = Set::new(name);
+        for selection in SELECTIONS {
+            let cache = set.ingest("kept", &[selection, &[brick]].concat());
+            for interpolation in ["cell", "linear"] {
+                for position in ["[2.1, 1.9, -2.6]", "[0.4, 0.5, -0.3]", "[7.0, -9.0, 6.0]"] {
+                    coarser += set.hold_to_bound(&cache, interpolation, position);
+                    pictures += 1;
+                }
+            }
+        }
+    }
+    assert!(coarser > pictures / 4, "coarser levels in {coarser} of {pictures} pictures");
 }
 
 const HUGE: &str = "name = \"DD0000\"\n[domain]\nleft = [0.0, 0.0, 0.0]\nright = [1.0, 1.25, 0.75]\n\

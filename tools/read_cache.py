@@ -17,7 +17,7 @@ from xxhash import xxh3_64_intdigest as digest
 from zstandard import ZstdDecompressor
 
 PAGE, NODE, FIELD = 65536, struct.Struct("<QQQIIIBBBB"), struct.Struct("<QQIffffffBBBB")
-EXISTS, REFINED = 1, 2
+EXISTS, REFINED, VOID = 1, 2, 4
 
 
 def need(condition, reason):
@@ -47,7 +47,7 @@ class Numbers:
 def read_header(data):
     """The header as a dictionary, and its length."""
     magic, version, length, checksum = struct.unpack_from("<8sIIQ", data)
-    need(magic == b"\x89DFC\r\n\x1a\n" and version == 2, "no cache of version 2")
+    need(magic == b"\x89DFC\r\n\x1a\n" and version == 3, "no cache of version 3")
     need(digest(data[24:length]) == checksum, "the header is damaged")
     body = Numbers(data[24:length])
     names = "file_bytes index_offset index_pages page_table_checksum".split()
@@ -90,8 +90,8 @@ def read_records(data, header):
 
 
 def check_tree(records):
-    """Children name their parents; counts beneath add up."""
-    for number, (node, _) in enumerate(records):
+    """Children name their parents; counts beneath add up; parents fill void where children do."""
+    for number, (node, fields) in enumerate(records):
         first, _, descendants, leaf, existing, refined, mask, depth = node[:8]
         octants = [octant for octant in range(8) if mask >> octant & 1]
         children = [node for node, _ in records[first : first + len(octants)]]
@@ -100,6 +100,9 @@ def check_tree(records):
         need(descendants == sum(1 + c[2] for c in children), f"brick {number}: descendants")
         need(depth == max((1 + c[7] for c in children), default=0), f"brick {number}: depth")
         need(leaf == existing - refined, f"brick {number}: leaf cells")
+        for _, children in records[first : first + len(octants)]:
+            void = (c[9] & 8 <= f[9] & 8 for c, f in zip(children, fields))
+            need(all(void), f"brick {number}: a child fills void")
 
 
 def decode(data, number, field, record, edge):
@@ -113,11 +116,12 @@ def decode(data, number, field, record, edge):
     need(len(raw) == 5 * cells, f"brick {number}: payload has another length")
     states = np.frombuffer(raw, np.uint8, cells)
     planes = np.frombuffer(raw, np.uint8, 4 * cells, cells).reshape(4, cells)
-    return states, np.ascontiguousarray(planes.T).view("<f4").ravel(), sides[0], sides[-1]
+    return states, np.ascontiguousarray(planes.T).view("<f4").ravel(), sides
 
 
-def check_cells(number, node, record, edge, states, values, first, last):
+def check_cells(number, node, record, edge, states, values, sides):
     """Range, completeness, counts and children of one payload."""
+    first, last = sides[0], sides[-1]
     held, nan = values[states & EXISTS > 0], bool(record[9] & 2)
     sound = (record[3] <= held) & (held <= record[4]) | (nan & np.isnan(held))
     need(sound.all(), f"brick {number}: a value lies outside its range")
@@ -130,6 +134,16 @@ def check_cells(number, node, record, edge, states, values, first, last):
     need(octants == node[6], f"brick {number}: refined cells without a child")
 
 
+def is_filled(states, sides):
+    """Whether a cell of the parent's shows something where one of the brick's is void."""
+    own, above = (side**3 for side in sides[:2])
+    own, above = states[:own], states[own : own + above]
+    own, above = (s.reshape((n,) * 3)[1:-1, 1:-1, 1:-1] for s, n in zip((own, above), sides))
+    for axis in range(3):
+        above = np.repeat(above, 2, axis)
+    return ((own & VOID > 0) & (above & VOID == 0)).any()
+
+
 def main():
     data = pathlib.Path(sys.argv[1]).read_bytes()
     header, end = read_header(data)
@@ -140,7 +154,11 @@ def main():
         for field, record in enumerate(fields):
             need(bool(record[9] & 1) == (record[2] == 0), f"brick {number}: void and stored")
             if record[2]:
-                check_cells(number, node, record, edge, *decode(data, number, field, record, edge))
+                states, values, sides = decode(data, number, field, record, edge)
+                check_cells(number, node, record, edge, states, values, sides)
+                fills = len(sides) > 1 and is_filled(states, sides)
+                says = records[node[1]][1][field][9] & 8
+                need(says or not fills, f"brick {node[1]}: fills void without saying so")
                 end += record[2]
     padding = data[end : header["index_offset"]]
     need(len(padding) < PAGE and not any(padding), "bytes between payloads and index")

@@ -101,6 +101,19 @@ impl RawBrick {
         })
     }
 
+    /// Whether a void cell of the brick, of `shape`, lies in a cell of its parent's that is not: the
+    /// parent's shows something where there is nothing.
+    pub(crate) fn parent_fills_void(&self, shape: BrickShape) -> bool {
+        let [own, parent, ..] = &self.blocks[..] else { return false };
+        let inside = 1..=shape.edge();
+        let is_void = |block: &Block, [x, y, z]: [usize; 3]| {
+            block.states.get(block.at(x, y, z)).is_some_and(|bits| bits & state::VOID != 0)
+        };
+        let rows = inside.clone().flat_map(|z| inside.clone().map(move |y| (y, z)));
+        rows.flat_map(|(y, z)| inside.clone().map(move |x| [x, y, z]))
+            .any(|cell| is_void(own, cell) && !is_void(parent, cell.map(|c| (c - 1) / 2 + 1)))
+    }
+
     /// Sets the brick up for `blocks` blocks of shape `shape`, reusing memory.
     pub(crate) fn reset(&mut self, shape: BrickShape, blocks: usize) {
         self.blocks.resize_with(blocks, Block::default);
@@ -220,5 +233,30 @@ mod tests {
         assert_eq!(visited, states.iter().filter(|bits| **bits == state::OUTSIDE).count());
         visit_outside(SIDE, &[state::OUTSIDE; SIDE.pow(3)], |_, _| unreachable!());
         visit_outside(SIDE, &[0; SIDE.pow(3)], |_, _| unreachable!());
+    }
+
+    #[test]
+    fn void_is_filled_where_the_parent_has_something() {
+        let shape = BrickShape::new(8).unwrap();
+        let mut brick = RawBrick::default();
+        brick.reset(shape, 2);
+        for block in &mut brick.blocks {
+            block.states.fill(state::EXISTS);
+        }
+        let set = |brick: &mut RawBrick, up: usize, [x, y, z]: [usize; 3], bits: u8| {
+            let at = brick.blocks[up].at(x, y, z);
+            brick.blocks[up].states[at] = bits;
+        };
+        let void = state::EXISTS | state::VOID;
+        // Ghosts lie in other bricks' boxes.
+        set(&mut brick, 0, [0, 4, 4], void);
+        set(&mut brick, 0, [9, 4, 4], void);
+        assert!(!brick.parent_fills_void(shape));
+        set(&mut brick, 0, [8, 3, 1], void);
+        assert!(brick.parent_fills_void(shape));
+        set(&mut brick, 1, [4, 2, 1], void | state::REFINED);
+        assert!(!brick.parent_fills_void(shape));
+        brick.blocks.truncate(1);
+        assert!(!brick.parent_fills_void(shape), "the root");
     }
 }

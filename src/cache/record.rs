@@ -88,7 +88,7 @@ pub struct FieldRecord {
     pub residual_linear: f32,
     /// The same for interpolants of log10 of the field's value (floored as the contract says).
     pub residual_log10: f32,
-    /// [`Self::VOID`] | [`Self::NAN_OWN`] | [`Self::NAN_TREE`].
+    /// [`Self::VOID`] | [`Self::NAN_OWN`] | [`Self::NAN_TREE`] | [`Self::FILLS_VOID`].
     pub flags: u8,
     /// Number of ancestors' blocks in the payload.
     pub parent_blocks: u8,
@@ -103,16 +103,26 @@ impl FieldRecord {
     pub const NAN_OWN: u8 = 2;
     /// The payload or one beneath holds NaN.
     pub const NAN_TREE: u8 = 4;
+    /// A void cell beneath lies in a cell of the brick's own that is not void.
+    pub const FILLS_VOID: u8 = 8;
 
     /// Whether there is nothing to draw in the box at any level, and no payload.
     pub fn is_void(&self) -> bool {
         self.flags & Self::VOID != 0
     }
 
+    /// Whether the brick, drawn in place of those beneath, shows something where there is nothing.
+    pub fn fills_void(&self) -> bool {
+        self.flags & Self::FILLS_VOID != 0
+    }
+
     /// Whether no payload is named, and nothing that one would hold.
     fn is_of_nothing(&self) -> bool {
         let place = (self.offset, self.checksum, self.stored_bytes, self.parent_blocks);
-        place == (0, 0, 0, 0) && self.own == EMPTY_RANGE && self.tree == EMPTY_RANGE
+        !self.fills_void()
+            && place == (0, 0, 0, 0)
+            && self.own == EMPTY_RANGE
+            && self.tree == EMPTY_RANGE
     }
 
     /// Whether what is said of the box at any level takes in what is said of a child's.
@@ -122,8 +132,9 @@ impl FieldRecord {
         }
         let [low, high] = [self.tree[0] <= child.tree[0], child.tree[1] <= self.tree[1]];
         let nan = self.has_nan(false) || !child.has_nan(false);
+        let void = self.fills_void() || !child.fills_void();
         let linear = child.residual_linear <= self.residual_linear;
-        low && high && nan && linear && child.residual_log10 <= self.residual_log10
+        low && high && nan && void && linear && child.residual_log10 <= self.residual_log10
     }
 
     /// Whether NaN cells may be drawn from this brick (`own`) or from it and those beneath.
@@ -158,7 +169,7 @@ impl FieldRecord {
             flags: bytes.u8()?,
             parent_blocks: bytes.u8()?,
         };
-        let tail = bytes.u8()? == 0 && bytes.u8()? == 0 && record.flags < 8;
+        let tail = bytes.u8()? == 0 && bytes.u8()? == 0 && record.flags < 16;
         let enclosed = record.tree[0] <= record.own[0] && record.own[1] <= record.tree[1];
         let ordered = record.own[0] <= record.own[1] || record.own == EMPTY_RANGE;
         let residuals = record.residual_linear >= 0.0 && record.residual_log10 >= 0.0;

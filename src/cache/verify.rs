@@ -149,6 +149,7 @@ impl Check<'_> {
             let (decoder, brick) = (&mut self.decoder, &mut self.brick);
             self.cache.read_brick(node, node_record, field, &record, decoder, brick)?;
             self.cache.check_place(node, field, &self.cursor.place(node)?, &self.brick)?;
+            self.check_void(node, node_record, field)?;
         }
         for child in (0..8).filter_map(|octant| node_record.child(octant)) {
             if !record.encloses(&self.cursor.field(child, field)?) {
@@ -156,6 +157,17 @@ impl Check<'_> {
                 let reason = format!("brick {node}'s range leaves out what brick {child} holds");
                 return Err(Error::invalid(place, reason));
             }
+        }
+        Ok(())
+    }
+
+    /// The record of a brick's parent must say where that one shows something and this one nothing.
+    fn check_void(&mut self, node: u64, record: &NodeRecord, field: usize) -> Result<()> {
+        let fills = node != 0 && self.brick.parent_fills_void(self.cache.header().shape);
+        if fills && !self.cursor.field(record.parent, field)?.fills_void() {
+            let place = self.cache.path().display();
+            let reason = format!("brick {} does not say that brick {node} has void", record.parent);
+            return Err(Error::invalid(place, reason));
         }
         Ok(())
     }

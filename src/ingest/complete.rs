@@ -128,7 +128,8 @@ impl Completion<'_> {
             let (range, nan) = range(&scratch.raw);
             let record = field_record(range, nan, void, scratch.raw.blocks.len());
             let to_parent = if void { [0.0; 2] } else { self.to_parent(field, nan, scratch) };
-            finished.draft.fields.push(FieldDraft { record, to_parent });
+            let parent_fills_void = !void && scratch.raw.parent_fills_void(self.header.shape);
+            finished.draft.fields.push(FieldDraft { record, to_parent, parent_fills_void });
             if !void {
                 finished.blocks = finished.blocks.max(scratch.raw.blocks.len());
             }

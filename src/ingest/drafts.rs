@@ -13,6 +13,8 @@ pub(super) struct FieldDraft {
     pub(super) record: FieldRecord,
     /// Bounds of |F − F of the parent| over the brick's box: unscaled, and of log10.
     pub(super) to_parent: [f64; 2],
+    /// Whether the parent's cells show something where the brick's are void.
+    pub(super) parent_fills_void: bool,
 }
 
 /// A brick's records.
@@ -34,7 +36,7 @@ impl Drafts {
     }
 
     fn bytes(&self) -> usize {
-        NodeRecord::BYTES + self.fields * (FieldRecord::BYTES + 16)
+        NodeRecord::BYTES + self.fields * (FieldRecord::BYTES + 17)
     }
 
     pub(super) fn put(&self, node: u64, draft: &Draft) -> Result<()> {
@@ -43,6 +45,7 @@ impl Drafts {
         for field in &draft.fields {
             field.record.write(&mut bytes);
             field.to_parent.iter().for_each(|&bound| bytes.f64(bound));
+            bytes.u8(field.parent_fills_void.into());
         }
         self.spool.overwrite(node * self.bytes() as u64, &bytes.bytes)
     }
@@ -56,7 +59,9 @@ impl Drafts {
             let mut fields = Vec::with_capacity(self.fields);
             for _ in 0..self.fields {
                 let record = FieldRecord::read(&mut reader)?;
-                fields.push(FieldDraft { record, to_parent: [reader.f64()?, reader.f64()?] });
+                let to_parent = [reader.f64()?, reader.f64()?];
+                let parent_fills_void = reader.u8()? != 0;
+                fields.push(FieldDraft { record, to_parent, parent_fills_void });
             }
             Some(Draft { node, fields })
         };
@@ -99,7 +104,8 @@ impl FieldDraft {
         if beneath.is_void() {
             return;
         }
-        own.flags |= beneath.flags & FieldRecord::NAN_TREE;
+        own.flags |= beneath.flags & (FieldRecord::NAN_TREE | FieldRecord::FILLS_VOID);
+        own.flags |= u8::from(child.parent_fills_void) * FieldRecord::FILLS_VOID;
         own.tree = [own.tree[0].min(beneath.tree[0]), own.tree[1].max(beneath.tree[1])];
         let total = |own: f32, bound: f64, child: f32| own.max(up(bound + f64::from(child)));
         own.residual_linear =

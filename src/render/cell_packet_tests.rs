@@ -196,8 +196,14 @@ fn other_causes_are_accounted_for() {
     let extrema = FieldExtrema { minimum: 0.0, maximum: 1.0, smallest_positive: Some(0.1) };
     let mapping = Mapping::new(Scale::Linear, Some([0.0, 1.0]), extrema, 1.0).unwrap();
     let (residual, storage) = (f64::INFINITY, mapping.rounding(1e-7));
-    let far =
-        Distance { residual, child_mask: 0xff, tree: [0.0, 1.0], storage, leaf_storage: storage };
+    let far = Distance {
+        residual,
+        child_mask: 0xff,
+        fills_void: false,
+        tree: [0.0, 1.0],
+        storage,
+        leaf_storage: storage,
+    };
     let rays = usual(500);
     for function in [smooth(), glowing(), shells(), steps()] {
         let exact = TransferPieces::new(&function, |_| 0.0);

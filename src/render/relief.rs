@@ -48,6 +48,8 @@ pub(super) struct Distance {
     pub(super) residual: f64,
     /// Which octants have children.
     pub(super) child_mask: u8,
+    /// Whether something is shown where there is nothing beneath.
+    pub(super) fills_void: bool,
     /// What x can be in the brick's box at any level.
     pub(super) tree: [f64; 2],
     /// Of values stored to those of the source, averages included, and of leaf cells' alone.
@@ -59,7 +61,8 @@ impl Distance {
     /// None: nothing lies beneath, and values within `tree` are the source's.
     pub(super) fn none(tree: [f64; 2]) -> Self {
         let stored = Rounding::default();
-        Self { residual: 0.0, child_mask: 0, tree, storage: stored, leaf_storage: stored }
+        let (storage, leaf_storage) = (stored, stored);
+        Self { residual: 0.0, child_mask: 0, fills_void: false, tree, storage, leaf_storage }
     }
 }
 
@@ -267,14 +270,17 @@ impl Looker<'_> {
             return group;
         }
         group.span = self.pieces.over(group.low, group.high);
-        let Distance { residual, tree, storage, leaf_storage, .. } = *self.distance;
-        let has_children = residual > 0.0 && self.has_children(first);
+        let Distance { residual, fills_void, tree, storage, leaf_storage, .. } = *self.distance;
+        let has_children = (residual > 0.0 || fills_void) && self.has_children(first);
         // What lies beneath is off by parts of its own values; averages take part beside borders.
         let beneath = if has_children { residual } else { 0.0 };
         let holds_averages = terrain.holds_averages || has_children;
         let stored = if holds_averages { storage } else { leaf_storage };
         group.storage = Storage::new(&stored, [group.low, group.high], (beneath, tree));
-        if has_children {
+        if has_children && fills_void {
+            let [low, high] = [tree[0].min(group.low), tree[1].max(group.high)];
+            group.levels = self.pieces.over(low, high).most;
+        } else if has_children {
             group.levels =
                 if self.brick.is_piecewise_constant() || residual.is_nan() || residual >= FAR {
                     self.far_change(&group, residual, tree)

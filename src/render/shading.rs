@@ -76,6 +76,7 @@ impl Shading {
         Distance {
             residual,
             child_mask: record.child_mask,
+            fills_void: field.fills_void(),
             tree: self.range(field),
             storage: self.mapping.rounding(self.relative_error),
             leaf_storage: self.mapping.rounding(self.leaf_error),

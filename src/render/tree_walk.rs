@@ -332,11 +332,15 @@ impl Scenery<'_> {
     /// brick is drawn in place of its children: from the index alone, and what lies in front of
     /// it left aside.
     fn error(&self, request: &BrickRequest, seen: &Seen, cut: &ErrorCut) -> f64 {
-        let Distance { residual, tree, .. } =
+        let Distance { residual, fills_void, tree, .. } =
             self.shading.distance(&request.record, &request.field);
         let span = self.bounds.over(tree[0], tree[1]);
-        let by_slope = span.slope.times(residual.min(tree[1] - tree[0])).plus(span.jumps);
-        let change = by_slope.min(span.variation.plus(span.jumps));
+        let change = if fills_void {
+            span.most
+        } else {
+            let by_slope = span.slope.times(residual.min(tree[1] - tree[0])).plus(span.jumps);
+            by_slope.min(span.variation.plus(span.jumps))
+        };
         let crossing = seen.frame.crossing(&seen.footprint, self.header.shape.edge() as f64);
         let covered =
             if self.pixels.has_area() { self.pixels.covered(&seen.footprint) } else { 1.0 };

@@ -39,6 +39,15 @@ impl Ended {
     }
 }
 
+impl Ended {
+    /// What a run was told that was called in a way that it does not take.
+    #[track_caller]
+    pub(crate) fn misused(self) -> String {
+        assert_eq!(self.code, Some(2), "{self:?}");
+        self.stderr
+    }
+}
+
 /// Starts the program.
 pub(crate) fn start(arguments: &[&dyn AsRef<OsStr>]) -> Child {
     let mut command = Command::new(env!("CARGO_BIN_EXE_deepfield"));
