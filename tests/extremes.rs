@@ -43,7 +43,11 @@ impl Subject {
     }
 
     fn render(&self, view: &View, volume: &str) -> Film {
-        let scene = Scene::parse(&view.scene(volume), "scene").unwrap();
+        self.draw(&view.scene(volume))
+    }
+
+    fn draw(&self, scene: &str) -> Film {
+        let scene = Scene::parse(scene, "scene").unwrap();
         let options = RenderOptions {
             memory: 256 << 20,
             threads: 2,
@@ -351,4 +355,42 @@ fn cameras_on_corners_and_faces_see_what_is_seen_beside() {
             assert!(same, "pixel {n}: {a:?} and {b:?}: {view:?}");
         }
     }
+}
+
+/// Rays that lie in faces of cells see those above: pictures do not change where all of them are
+/// moved up by less than a cell, whatever the number of pixels and of rays in them.
+#[test]
+fn rays_in_faces_see_the_cells_above() {
+    let subject =
+        Subject::new("[[density]]\nkind = \"gradient\"\nvalue = 1.0\nslope = [5.0, 3.0, 8.0]\n");
+    let volume = "range = [1.0, 20.0]\nabsorption = [[0.0, 0.1], [1.0, 9.0]]\n";
+    let [x, y, z] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let views = [(x, y), (y, z), (z, x), (z, y), ([1.0, 1.0, 0.0], z), ([0.0, -1.0, 1.0], x)];
+    let mut in_faces = 0;
+    for ((forward, up), (height, samples)) in views
+        .into_iter()
+        .flat_map(|view| [-1.0, 1.0].map(|sign| (view.0.map(|c| c * sign), view.1)))
+        .flat_map(|view| [("0.28125", 1), ("0.84375", 3), ("0.140625", 1)].map(|s| (view, s)))
+    {
+        let picture = |by: f64| {
+            // Across the view in all directions, or along `up` where others are in no face.
+            let is_along_axis = forward.iter().filter(|c| **c != 0.0).count() == 1;
+            let moves = |a: usize| if is_along_axis { forward[a] == 0.0 } else { up[a] != 0.0 };
+            let look_at: [f64; 3] =
+                std::array::from_fn(|a| 0.5 + if moves(a) { by * CELL } else { 0.0 });
+            let position = std::array::from_fn(|a| look_at[a] - 2.0 * forward[a]);
+            let view = View { position, look_at, up, linear: false, ..View::default() };
+            let scene = view.scene(volume).replace("height = 0.5", &format!("height = {height}"));
+            subject.draw(&scene.replace("samples = 1", &format!("samples = {samples}")))
+        };
+        let difference = |a: &Film, b: &Film| {
+            let pairs = a.pixels().iter().flatten().zip(b.pixels().iter().flatten());
+            pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+        };
+        let (here, above, below) = (picture(0.0), picture(0.25), picture(-0.25));
+        let off = difference(&here, &above);
+        assert!(off <= 1e-6, "{forward:?} {up:?} {height} {samples}: {off:e}");
+        in_faces += u32::from(difference(&here, &below) > 1e-3);
+    }
+    assert!(in_faces == 36, "rays in faces in {in_faces} of 36 pictures");
 }

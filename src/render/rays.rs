@@ -169,7 +169,13 @@ impl PixelGrid {
 
     /// (P, Q) of a square's centre.
     pub(super) fn plane(&self, square: &Square) -> DVec2 {
-        self.plane_at(square.centre)
+        let per = f64::from(self.per_axis());
+        match self.samples {
+            Samples::Area => self.plane_at(square.centre),
+            Samples::Grid(_) => {
+                self.view.plane_in(square.centre.map(|place| (2.0 * per * place).round()), per)
+            }
+        }
     }
 
     /// How long the way along the ray through (P, Q) = `plane` is for each unit of depth.

@@ -90,7 +90,7 @@ impl View {
             distance: ahead.length(),
             basis: basis(ahead, camera.up)?,
             is_perspective,
-            half: DVec2::new(half_height * aspect, half_height),
+            half: DVec2::new(f64::from(width) * half_height / f64::from(height), half_height),
         })
     }
 
@@ -112,9 +112,15 @@ impl View {
     /// (P, Q) of a place in pixels from the picture's left and upper edge: i + ½ and j + ½ for
     /// the centre of pixel (i, j).
     pub fn plane(&self, x_pixels: f64, y_pixels: f64) -> DVec2 {
-        let p = 2.0 * x_pixels / f64::from(self.width) - 1.0;
-        let q = 1.0 - 2.0 * y_pixels / f64::from(self.height);
-        DVec2::new(p * self.half.x, q * self.half.y)
+        self.plane_in([2.0 * x_pixels, 2.0 * y_pixels], 1.0)
+    }
+
+    /// The same of a place in halves of a pixel's `per`-th. Where these are whole numbers, P and Q
+    /// are rounded once, or twice if the view's height takes many bits: rays that lie in faces of
+    /// cells do so exactly.
+    pub(super) fn plane_in(&self, [x, y]: [f64; 2], per: f64) -> DVec2 {
+        let (width, height) = (per * f64::from(self.width), per * f64::from(self.height));
+        DVec2::new((x - width) * self.half.y / height, (height - y) * self.half.y / height)
     }
 
     /// P and Q at the picture's right and upper edge; the others are their negatives.
@@ -181,5 +187,8 @@ fn basis(ahead: DVec3, up: DVec3) -> Result<Basis> {
     // The cross product of nearly parallel vectors is orthogonal only after a second pass.
     let across = across.normalize();
     let right = (across - forward * across.dot(forward)).normalize();
-    Ok(Basis { forward, right, up: right.cross(forward).normalize() })
+    // Along an axis it is exactly that, so that rays can lie in faces of cells.
+    let is_across = forward.dot(up) == 0.0;
+    let above = if is_across { up.normalize() } else { right.cross(forward).normalize() };
+    Ok(Basis { forward, right, up: above })
 }
