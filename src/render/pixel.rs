@@ -17,6 +17,12 @@ const DEVIATIONS: f64 = 3.0;
 /// leaves. Five rays beside an edge may be alike by accident.
 const LEAST_LEFT: f32 = 0.35;
 
+/// The variance of what rises by 1 over a square's width.
+const OF_LINEAR: f64 = 1.0 / 12.0;
+/// The standard deviation that a square's ray is given for an edge of height 1 at one of its sides: an
+/// edge anywhere in the square makes 0.29, but deep in it one would likely have been seen from others.
+const UNSEEN: f64 = 0.2;
+
 /// A pixel in hand.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Pixel {
@@ -94,7 +100,7 @@ impl Pixel {
     pub(super) fn learn(
         &mut self,
         whole: &Found,
-        quarters: &Unevenness,
+        quarters: &[Unevenness; 4],
         weight: f64,
         shares: &ErrorShares,
     ) {
@@ -106,9 +112,11 @@ impl Pixel {
             }
             None => alone.unknown = alone.unknown.saturating_sub(1),
         }
-        alone.count(quarters, 0.25 * weight, 4.0);
+        for quarter in quarters {
+            alone.count(quarter, 0.25 * weight, 1.0);
+        }
         if whole.square.halvings == 0 {
-            alone.first = Some(4.0 * quarters.variance(0.25 * weight));
+            alone.first = Some(quarters.iter().map(|quarter| quarter.variance(0.25)).sum());
         }
         alone.own.add(weight * own(shares));
     }
@@ -179,24 +187,31 @@ fn add(sum: &mut [f64; 4], value: &[f64; 4], weight: f64) {
 pub(super) struct Unevenness {
     /// The standard deviation of its rays, but for what is alike in all quarters.
     spread: f32,
+    /// That of what varies linearly over it.
+    slope: f32,
     /// By how much its mean exceeds its centre's ray, if values bend alike everywhere in the square.
     bend: [f32; 4],
+    /// By how much values may change at an edge that runs through it, and has not been seen: at its
+    /// left, right, upper and lower side.
+    edges: [f32; 4],
 }
 
 impl Alone {
-    /// Counts `times` as many squares, each `weight` of the pixel.
-    fn count(&mut self, uneven: &Unevenness, weight: f64, times: f64) {
-        self.variance.add(times * uneven.variance(weight));
+    /// Counts a square that is `weight` of the pixel, or, where `sign` is −1, takes it out again.
+    fn count(&mut self, uneven: &Unevenness, weight: f64, sign: f64) {
+        self.variance.add(sign * uneven.variance(weight));
         for (sum, bend) in self.bend.iter_mut().zip(uneven.bend) {
-            sum.add(times * weight * f64::from(bend));
+            sum.add(sign * weight * f64::from(bend));
         }
     }
 }
 
 impl Unevenness {
-    /// Of the quarters of a square, from its centre's ray and theirs, where so much was known `before`.
+    /// Of the quarters of a square, from its centre's ray and theirs, where so much was known `before`:
+    /// what they have in common.
     pub(super) fn of(whole: &[f64; 4], before: Option<Self>, quarters: [&[f64; 4]; 4]) -> Self {
-        let before = before.map_or(0.0, |uneven| uneven.spread);
+        let (before, edges) =
+            before.map_or((0.0, [0.0; 4]), |uneven| (uneven.spread, uneven.edges));
         let channel = |n: usize| {
             let [a, b, c, d] = quarters.map(|quarter| quarter[n]);
             (0.25 * ((a - b) - (c - d)), 0.25 * (a + b + c + d) - whole[n])
@@ -208,11 +223,32 @@ impl Unevenness {
             0.5 * (4.0 * twist * twist + 0.8 * beside * beside)
         };
         let spread = (0..4).map(variance).fold(0.0, f64::max).sqrt() as f32;
+        // What changes from one quarter to the next, along each axis.
+        let slope = |n: usize| {
+            let [a, b, c, d] = quarters.map(|quarter| quarter[n]);
+            0.25 * (((b + d) - (a + c)).powi(2) + ((c + d) - (a + b)).powi(2))
+        };
         // Of a quadratic, midpoints of quarters are off by a quarter of what that of the square is.
         Self {
             spread: spread.max(LEAST_LEFT * before),
+            slope: (OF_LINEAR * (0..4).map(slope).fold(0.0, f64::max)).sqrt() as f32,
             bend: std::array::from_fn(|n| (channel(n).1 / 3.0) as f32),
+            edges,
         }
+    }
+
+    /// Of the `n`-th quarter alone, beyond whose ray values change by so much to those of the pixels
+    /// at the left, at the right, above and below: edges at sides that are not its own are none of it,
+    /// nor what the ray lies behind already.
+    pub(super) fn of_quarter(&self, n: usize, beyond: [f64; 4]) -> Self {
+        let is_its = |side: usize| n >> (side / 2) & 1 == side % 2;
+        let left = |side: usize| self.edges[side].min(beyond[side] as f32);
+        Self { edges: std::array::from_fn(|s| if is_its(s) { left(s) } else { 0.0 }), ..*self }
+    }
+
+    /// The same with edges beside it.
+    pub(super) fn with_edges(self, edges: [f64; 4]) -> Self {
+        Self { edges: edges.map(|edge| edge as f32), ..self }
     }
 
     /// Of a pixel, from its centre's ray and those of the eight around it, row by row: of the quadratic
@@ -231,9 +267,14 @@ impl Unevenness {
         let variance = |c: usize| (left(c, [1, 2]) + left(c, [2, 1]) + left(c, [2, 2])) / 3.0;
         // The mean of x² over a pixel is 1/12, and its second difference 2; in three rows.
         let bend = |c: usize| (product(c, [2, 0]) + product(c, [0, 2])) / (3.0 * 2.0 * 12.0);
+        let slope = |c: usize| {
+            (product(c, [1, 0]).powi(2) + product(c, [0, 1]).powi(2)) / (3.0 * 2.0_f64).powi(2)
+        };
         Self {
             spread: (0..4).map(variance).fold(0.0, f64::max).sqrt() as f32,
+            slope: (OF_LINEAR * (0..4).map(slope).fold(0.0, f64::max)).sqrt() as f32,
             bend: std::array::from_fn(|c| bend(c) as f32),
+            edges: [0.0; 4],
         }
     }
 
@@ -251,9 +292,18 @@ impl Unevenness {
         (0..4).map(|c| self.bend(c).abs()).fold(0.0, f64::max)
     }
 
+    /// How far from its centre a square's ray is to be, as a part of the way to its sides: where an
+    /// edge runs through many squares alike, rays at their centres would all be off alike. Where
+    /// values vary smoothly, a ray elsewhere would tell less.
+    pub(super) fn scatter(&self) -> f64 {
+        let spread = self.spread();
+        if spread > 0.0 { (spread / f64::from(self.slope)).min(1.0) } else { 0.0 }
+    }
+
     /// The standard deviation of a square's rays.
     pub(super) fn spread(&self) -> f64 {
-        f64::from(self.spread)
+        let edge = self.edges.iter().fold(0.0, |most: f32, edge| most.max(*edge));
+        f64::from(self.spread).max(UNSEEN * f64::from(edge))
     }
 
     /// What a square that is `weight` of its pixel adds to its variance.
@@ -275,7 +325,7 @@ mod tests {
     }
 
     fn whole() -> Square {
-        Square { centre: CENTRE, pixel: 0, halvings: 0 }
+        Square { centre: CENTRE, offset: [0.0; 2], pixel: 0, halvings: 0 }
     }
 
     fn uneven(of: impl Fn([f64; 2]) -> f64 + Copy) -> Unevenness {
@@ -334,7 +384,8 @@ mod tests {
     #[test]
     fn what_is_bright_leaves_nothing_behind_once_it_is_known() {
         let mut pixel = Pixel::default();
-        let bright = |spread| Unevenness { spread, bend: [-spread; 4] };
+        let bright =
+            |spread| Unevenness { spread, slope: 0.0, bend: [-spread; 4], edges: [0.0; 4] };
         let mut square = whole();
         pixel.leave(&found(square, |_| 0.0), 1.0);
         assert_eq!(pixel.unlikely(0.0), f64::INFINITY);
@@ -343,11 +394,11 @@ mod tests {
         for spread in [1e17, 1e19, 1e12, 1e-3] {
             let whole = Found { uneven: before, ..found(square, |_| 0.0) };
             let quarters = bright(spread);
-            pixel.learn(&whole, &quarters, weight, &ErrorShares::default());
+            pixel.learn(&whole, &[quarters; 4], weight, &ErrorShares::default());
             // The other three turn out to be dark.
             for quarter in &square.quarters()[1..] {
                 let quarter = Found { uneven: Some(quarters), ..found(*quarter, |_| 0.0) };
-                pixel.learn(&quarter, &bright(0.0), 0.25 * weight, &ErrorShares::default());
+                pixel.learn(&quarter, &[bright(0.0); 4], 0.25 * weight, &ErrorShares::default());
             }
             (square, before) = (square.quarters()[0], Some(quarters));
             weight *= 0.25;

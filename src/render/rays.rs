@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use glam::DVec2;
+use xxhash_rust::xxh3::xxh3_64;
 
 use super::frame::Footprint;
 use super::pixel_order::PixelOrder;
@@ -72,6 +73,8 @@ impl PixelRect {
 pub(super) struct Square {
     /// The centre, pixels from the picture's left and upper edge.
     pub centre: [f64; 2],
+    /// How far from it its ray is, pixels.
+    pub offset: [f32; 2],
     /// The pixel's number in its tile.
     pub pixel: u16,
     /// Halvings; the square is `2^-halvings` of a pixel wide.
@@ -90,17 +93,43 @@ impl Square {
         f64::from_bits((1022 - u64::from(self.halvings)) << 52)
     }
 
-    /// Its four quarters.
+    /// Where its ray is, pixels from the picture's left and upper edge.
+    pub(super) fn place(&self) -> [f64; 2] {
+        std::array::from_fn(|a| self.centre[a] + f64::from(self.offset[a]))
+    }
+
+    /// Its four quarters, with rays at their centres.
     pub(super) fn quarters(&self) -> [Self; 4] {
         let quarter = 0.5 * self.half();
         std::array::from_fn(|n| {
             let side = |a: usize| if n >> a & 1 == 1 { quarter } else { -quarter };
             Self {
                 centre: [self.centre[0] + side(0), self.centre[1] + side(1)],
+                offset: [0.0; 2],
                 halvings: self.halvings.saturating_add(1),
                 ..*self
             }
         })
+    }
+
+    /// The same with rays beside their centres, by up to `reach` of a quarter's half width, which
+    /// follow no pattern. Opposite quarters' are opposite: what varies linearly has the square's mean.
+    pub(super) fn scattered_quarters(&self, reach: f64) -> [Self; 4] {
+        let mut quarters = self.quarters();
+        if reach == 0.0 {
+            return quarters;
+        }
+        let bytes = self.centre.map(f64::to_le_bytes);
+        let hash = xxh3_64(bytes.as_flattened());
+        // Four numbers of 16 bits, from −1 to 1.
+        let number = |n: usize| (hash >> (16 * n) & 0xffff) as f64 / 32_767.5 - 1.0;
+        let most = reach * quarters[0].half();
+        for (n, quarter) in quarters.iter_mut().enumerate() {
+            // The first is opposite the last, the second the third.
+            let (pair, sign) = (n.min(3 - n), if n < 2 { most } else { -most });
+            quarter.offset = [2 * pair, 2 * pair + 1].map(|k| (sign * number(k)) as f32);
+        }
+        quarters
     }
 }
 
@@ -167,11 +196,11 @@ impl PixelGrid {
         self.view.plane(x, y)
     }
 
-    /// (P, Q) of a square's centre.
+    /// (P, Q) of a square's ray.
     pub(super) fn plane(&self, square: &Square) -> DVec2 {
         let per = f64::from(self.per_axis());
         match self.samples {
-            Samples::Area => self.plane_at(square.centre),
+            Samples::Area => self.plane_at(square.place()),
             Samples::Grid(_) => {
                 self.view.plane_in(square.centre.map(|place| (2.0 * per * place).round()), per)
             }
@@ -199,7 +228,7 @@ impl PixelGrid {
             for ray in 0..n * n {
                 let within = [ray % n, ray / n].map(|i| (f64::from(i) + 0.5) / f64::from(n));
                 let centre = [corner[0] + within[0], corner[1] + within[1]];
-                squares.push(Square { centre, pixel, halvings: 0 });
+                squares.push(Square { centre, offset: [0.0; 2], pixel, halvings: 0 });
             }
         }
     }
@@ -321,7 +350,7 @@ mod tests {
 
     #[test]
     fn quarters_make_a_square() {
-        let square = Square { centre: [2.5, 7.5], pixel: 9, halvings: 0 };
+        let square = Square { centre: [2.5, 7.5], offset: [0.0; 2], pixel: 9, halvings: 0 };
         let mut all = square.quarters().to_vec();
         all.extend(all.clone()[1].quarters());
         all.remove(1);

@@ -137,7 +137,9 @@ impl Sheet {
                 self.still_bad(grid, group, &found, &to_do)
             };
             let mut squares: Vec<_> = again.iter().map(|found| found.square).collect();
-            squares.extend(wholes.iter().flat_map(|whole| whole.square.quarters()));
+            let reach = |whole: &Found| if to_do.alone { self.scatter(whole) } else { 0.0 };
+            let quarters = |whole: &Found| whole.square.scattered_quarters(reach(whole));
+            squares.extend(wholes.iter().flat_map(quarters));
             if !squares.is_empty() {
                 let ToDo { cut, care, alone, .. } = to_do;
                 let has_area = grid.has_area() && !alone;
@@ -237,7 +239,8 @@ impl Sheet {
             self.note(batch, &outcome);
         }
         if !alone {
-            batch.hand_down(self.goal.map_or(0.0, |goal| goal.tolerance), &mut outcome);
+            let tolerance = self.goal.map_or(0.0, |goal| goal.tolerance);
+            batch.hand_down(tolerance, self, &mut outcome);
         }
         let scouts = self.group.and_then(|group| group.scouts);
         match scouts.filter(|_| !batch.wholes.is_empty()) {

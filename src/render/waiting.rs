@@ -186,7 +186,7 @@ mod tests {
     }
 
     fn found(pixel: u16, error: f64) -> Found {
-        let square = Square { centre: [0.5; 2], pixel, halvings: 0 };
+        let square = Square { centre: [0.5; 2], offset: [0.0; 2], pixel, halvings: 0 };
         let shares = ErrorShares { pixel_area: error, ..ErrorShares::default() };
         Found { square, value: [0.0; 4], shares, uneven: None }
     }

@@ -22,18 +22,21 @@ const STANDS_OUT: f64 = 0.4;
 impl Batch {
     /// Says of what has been found how uneven it is: what was known of it before, or what rays of
     /// the quarters of a square tell.
-    pub(super) fn hand_down(&self, tolerance: f64, outcome: &mut [Found]) {
+    /// `sheet` knows of whole pixels by their neighbours.
+    pub(super) fn hand_down(&self, tolerance: f64, sheet: &Sheet, outcome: &mut [Found]) {
         for (found, before) in outcome.iter_mut().zip(&self.again) {
             found.uneven = before.uneven;
         }
         for (whole, quarters) in self.wholes.iter().zip(outcome.chunks_exact_mut(4)) {
             let values = from_fn(|n| &quarters[n].value);
-            let uneven = Unevenness::of(&whole.value, whole.uneven, values);
+            let uneven = Unevenness::of(&whole.value, sheet.known(whole), values);
             // Rays that are off by much themselves say nothing of others, but where many add up.
             let off = quarters.iter().chain([whole]).map(|found| own(&found.shares));
             let most = f64::from(whole.square.halvings).exp2() * ALONE_SHARE * tolerance;
             let uneven = (off.fold(0.0, f64::max) <= most).then_some(uneven);
-            quarters.iter_mut().for_each(|quarter| quarter.uneven = uneven);
+            for (n, quarter) in quarters.iter_mut().enumerate() {
+                quarter.uneven = uneven.map(|uneven| uneven.of_quarter(n, sheet.beyond(quarter)));
+            }
         }
     }
 }
@@ -88,6 +91,21 @@ impl Sheet {
         let least = if found.square.halvings == 1 { self.variance_around(pixel) } else { 0.0 };
         let pixel = &self.pixels[pixel];
         pixel.unlikely(least) <= self.room_for_mean(pixel.beside_mean())
+    }
+
+    /// How far from their centres rays of a square's quarters are to be, as a part of the way to their
+    /// sides.
+    pub(super) fn scatter(&self, whole: &Found) -> f64 {
+        self.known(whole).map_or(0.0, |uneven| uneven.scatter())
+    }
+
+    /// How uneven a square is. Five rays may be alike beside an edge that a pixel's neighbours see.
+    pub(super) fn known(&self, whole: &Found) -> Option<Unevenness> {
+        if whole.square.halvings == 0 {
+            self.foretell(usize::from(whole.square.pixel))
+        } else {
+            whole.uneven
+        }
     }
 
     /// Whether a square is to be quartered whatever its rays tell.
@@ -218,15 +236,13 @@ impl Sheet {
             }
             let values = from_fn(|n| &quarters[n].value);
             self.doubt(whole, values);
-            // Five rays may be alike beside an edge that neighbours see.
-            let pixel = usize::from(whole.square.pixel);
-            let is_whole = whole.square.halvings == 0;
-            let before = if is_whole { self.foretell(pixel) } else { whole.uneven };
-            let uneven = Unevenness::of(&whole.value, before, values);
+            let uneven = Unevenness::of(&whole.value, self.known(whole), values);
+            let uneven: [_; 4] = from_fn(|n| uneven.of_quarter(n, self.beyond(&quarters[n])));
             let pixel = &mut self.pixels[usize::from(whole.square.pixel)];
             pixel.learn(whole, &uneven, grid.weight(&whole.square), &mean);
-            next.quartered
-                .extend(quarters.iter().map(|quarter| Found { uneven: Some(uneven), ..*quarter }));
+            let uneven_quarter =
+                |(found, uneven): (&Found, Unevenness)| Found { uneven: Some(uneven), ..*found };
+            next.quartered.extend(quarters.iter().zip(uneven).map(uneven_quarter));
         }
     }
 }

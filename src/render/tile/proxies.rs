@@ -329,11 +329,11 @@ impl Tile {
             let mut at = range.start;
             while let Some(index) = self.next_alive(at..range.end) {
                 at = index + 1;
-                let centre = self.squares[index].centre;
-                if !part.holds(centre) {
+                let place = self.squares[index].place();
+                if !part.holds(place) {
                     continue;
                 }
-                let [u, v] = std::array::from_fn(|a| (centre[a] - f64::from(block.lo[a])) / width);
+                let [u, v] = std::array::from_fn(|a| (place[a] - f64::from(block.lo[a])) / width);
                 if v != at_v {
                     (ends, at_v) = (self.proxies.row(corners, v), v);
                 }
