@@ -206,6 +206,19 @@ fn deeper_levels_are_left_out() {
 }
 
 #[test]
+fn trees_of_leaf_blocks_have_no_coarser_levels_to_keep() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets_synthetic/flash10.toml");
+    let told = run(&[&"synth", &recipe, &"-o", &folder.path()]).done();
+    let (output, cache) = (told.split(": ").next().unwrap(), folder.path().join("cache"));
+    let ingest = |most: &str| run(&[&"ingest", &output, &"-o", &cache, &"--max-level", &most]);
+    let line = ingest("1").failed();
+    assert!(line.contains("--max-level 1") && line.contains("leave the option out"), "{line}");
+    // There is nothing deeper.
+    ingest("40").done();
+}
+
+#[test]
 fn lossy_storage_keeps_its_relative_error() {
     let set = Set::new("small");
     let fields = ["--field=density", "--field=x-velocity"];

@@ -208,6 +208,10 @@ impl Source for Derived<'_> {
         self.source.for_each_grid(visit)
     }
 
+    fn has_covered_cells(&self) -> bool {
+        self.source.has_covered_cells()
+    }
+
     fn data_files(&self) -> Result<Vec<PathBuf>> {
         self.source.data_files()
     }

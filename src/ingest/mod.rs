@@ -178,6 +178,7 @@ fn survey_in(
     let hierarchy = source.hierarchy();
     let fields = choose_fields(source, &options.fields)?;
     let plan = Plan::new(options.memory)?;
+    check_levels(source, options.max_level)?;
     progress.begin(Stage::Hierarchy, 0);
     let layout = overlaps::lay_out(source, fields[0], options.max_level, directory, plan.sort())?;
     let (shape, shares) = choose_shape(&layout, options.brick, &plan, fields.len())?;
@@ -197,6 +198,22 @@ fn survey_in(
     })?;
     let header = header(source, &fields, shape, &layout, &built);
     Ok(Survey { built, header, shares })
+}
+
+/// Levels can be left out only where coarser ones have values in their place.
+fn check_levels(source: &dyn Source, max_level: Option<u32>) -> Result<()> {
+    let deepest = source.hierarchy().levels.count().saturating_sub(1);
+    match max_level {
+        Some(most) if (most as usize) < deepest && !source.has_covered_cells() => {
+            Err(Error::request(format!(
+                "--max-level {most}: of {} outputs only blocks that are not refined further have \
+                 values, so none of the {deepest} levels can be left out: leave the option out, and \
+                 let --tolerance choose levels",
+                source.format()
+            )))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Bricks of the edge that is asked for, or else that costs least; smaller ones where memory has no

@@ -106,6 +106,11 @@ pub trait Source: Send + Sync {
     /// Whatever is wrong with the hierarchy, naming the grid; and what `visit` returns.
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()>;
 
+    /// Whether values are there of cells that finer levels cover, so that these can be left out.
+    fn has_covered_cells(&self) -> bool {
+        true
+    }
+
     /// The files that hold the fields' values, each once; here the file that the user named.
     ///
     /// # Errors

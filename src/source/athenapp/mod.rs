@@ -85,6 +85,10 @@ impl Source for AthenaPp {
         self.blocks.for_each(&self.file, visit)
     }
 
+    fn has_covered_cells(&self) -> bool {
+        false
+    }
+
     fn data_files(&self) -> Result<Vec<PathBuf>> {
         // The user may have named the .xdmf.
         Ok(vec![located::data_file(&self.path)?])

@@ -81,6 +81,11 @@ impl Source for Flash {
         self.tree.for_each_leaf(&self.header, visit)
     }
 
+    fn has_covered_cells(&self) -> bool {
+        // Parents' averages are in some files, and in others what they held before they were refined.
+        false
+    }
+
     fn read(
         &self,
         grid: &GridRecord,
