@@ -224,8 +224,10 @@ fn covering_grids_that_cannot_be_compared_are_refused() {
     refused(&[&cache, &ranged, &"--level=5"], "the deepest level");
     refused(&[&cache, &ranged, &"--level=4", &"--memory=64MiB"], "raise --memory");
     refused(&[&cache, &ranged, &"--memory=64KiB"], "raise --memory");
-    refused(&[&cache, &ranged, &"--tolerance=much"], "tolerance");
-    refused(&[&cache, &ranged, &"--samples=0"], "samples");
+    for (option, name) in [("--tolerance=much", "--tolerance"), ("--samples=0", "--samples")] {
+        let told = bench(&[&"covering-grid", &cache, &ranged, &option]).misused();
+        assert!(told.contains(name), "{told}");
+    }
     refused(&[&cache, &ranged, &"-o", &scene], "a scene.toml");
     for level in ["--level=", "--level=3..1", "--level=-1", "--level=0..."] {
         assert_eq!(bench(&[&"covering-grid", &cache, &ranged, &level]).code, Some(2), "{level}");
@@ -316,7 +318,7 @@ fn data_of_growing_size_are_made_ingested_drawn_and_removed() {
     assert_eq!((&rows[0]["source_bytes"][..], &rows[0]["ingest_seconds"][..]), ("", ""));
     assert!(number(&rows[0], "outside_seconds") > 0.0 && number(&rows[0], "inside_seconds") > 0.0);
     for (list, what) in [("--scales=1,,2", "--scales"), ("--scales=-1", "--scales")] {
-        assert!(bench(&[&"scaling", &list]).failed().contains(what));
+        assert!(bench(&[&"scaling", &list]).misused().contains(what));
     }
 }
 
@@ -329,7 +331,8 @@ fn what_cannot_be_measured_is_one_clear_line() {
     };
     for list in ["", "0", "1e-2,,1e-3", "-1", "nan", "2", "1%"] {
         let list = format!("--tolerances={list}");
-        refused(&[&"tolerance", &cache, &scene, &list], "--tolerances");
+        let told = bench(&[&"tolerance", &cache, &scene, &list]).misused();
+        assert!(told.contains("--tolerances"), "{told}");
     }
     let (absent, not_toml) = (folder.path().join("absent"), written(folder.path(), "x", "[["));
     refused(&[&"tolerance", &absent, &scene], "absent");
@@ -338,7 +341,8 @@ fn what_cannot_be_measured_is_one_clear_line() {
     refused(&[&"tolerance", &cache, &scene, &"--memory=1MiB"], "smallest that works");
     refused(&[&"tolerance", &cache, &scene, &"-o", &not_toml], "x");
     refused(&[&"depth", &scene, &cache, &absent], "absent");
-    refused(&[&"depth", &scene, &cache, &"--tolerance=much"], "tolerance");
+    let told = bench(&[&"depth", &scene, &cache, &"--tolerance=much"]).misused();
+    assert!(told.contains("--tolerance"), "{told}");
     refused(&[&"reading", &absent], "absent");
     refused(&[&"reading", &not_toml], "looked for enzo");
     assert_eq!(bench(&[&"depth", &scene]).code, Some(2));

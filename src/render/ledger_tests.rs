@@ -218,7 +218,7 @@ fn media(number: usize) -> TransferFunction {
 
 fn squares() -> impl Strategy<Value = Vec<Square>> {
     let square = (prop::array::uniform2(0.0..6.0_f64), 0..8_u8)
-        .prop_map(|(centre, halvings)| Square { centre, offset: [0.0; 2], pixel: 0, halvings });
+        .prop_map(|(centre, halvings)| Square { centre, offset: [0; 2], pixel: 0, halvings });
     prop::collection::vec(square, 12)
 }
 

@@ -192,8 +192,8 @@ pub(super) struct Unevenness {
     /// By how much its mean exceeds its centre's ray, if values bend alike everywhere in the square.
     bend: [f32; 4],
     /// By how much values may change at an edge that runs through it, and has not been seen: at its
-    /// left, right, upper and lower side.
-    edges: [f32; 4],
+    /// left, right, upper and lower side. Rounded up, as upper halves of f32.
+    edges: [u16; 4],
 }
 
 impl Alone {
@@ -206,12 +206,16 @@ impl Alone {
     }
 }
 
+/// The upper half of an f32 that is no smaller than a number ≥ 0; these compare like the numbers.
+fn upper_half(x: f64) -> u16 {
+    if x == 0.0 { 0 } else { ((x as f32).min(f32::MAX).to_bits() >> 16) as u16 + 1 }
+}
+
 impl Unevenness {
     /// Of the quarters of a square, from its centre's ray and theirs, where so much was known `before`:
     /// what they have in common.
     pub(super) fn of(whole: &[f64; 4], before: Option<Self>, quarters: [&[f64; 4]; 4]) -> Self {
-        let (before, edges) =
-            before.map_or((0.0, [0.0; 4]), |uneven| (uneven.spread, uneven.edges));
+        let (before, edges) = before.map_or((0.0, [0; 4]), |uneven| (uneven.spread, uneven.edges));
         let channel = |n: usize| {
             let [a, b, c, d] = quarters.map(|quarter| quarter[n]);
             (0.25 * ((a - b) - (c - d)), 0.25 * (a + b + c + d) - whole[n])
@@ -242,13 +246,13 @@ impl Unevenness {
     /// nor what the ray lies behind already.
     pub(super) fn of_quarter(&self, n: usize, beyond: [f64; 4]) -> Self {
         let is_its = |side: usize| n >> (side / 2) & 1 == side % 2;
-        let left = |side: usize| self.edges[side].min(beyond[side] as f32);
-        Self { edges: std::array::from_fn(|s| if is_its(s) { left(s) } else { 0.0 }), ..*self }
+        let left = |side: usize| self.edges[side].min(upper_half(beyond[side]));
+        Self { edges: std::array::from_fn(|s| if is_its(s) { left(s) } else { 0 }), ..*self }
     }
 
     /// The same with edges beside it.
     pub(super) fn with_edges(self, edges: [f64; 4]) -> Self {
-        Self { edges: edges.map(|edge| edge as f32), ..self }
+        Self { edges: edges.map(upper_half), ..self }
     }
 
     /// Of a pixel, from its centre's ray and those of the eight around it, row by row: of the quadratic
@@ -274,7 +278,7 @@ impl Unevenness {
             spread: (0..4).map(variance).fold(0.0, f64::max).sqrt() as f32,
             slope: (OF_LINEAR * (0..4).map(slope).fold(0.0, f64::max)).sqrt() as f32,
             bend: std::array::from_fn(|c| bend(c) as f32),
-            edges: [0.0; 4],
+            edges: [0; 4],
         }
     }
 
@@ -302,8 +306,8 @@ impl Unevenness {
 
     /// The standard deviation of a square's rays.
     pub(super) fn spread(&self) -> f64 {
-        let edge = self.edges.iter().fold(0.0, |most: f32, edge| most.max(*edge));
-        f64::from(self.spread).max(UNSEEN * f64::from(edge))
+        let edge = self.edges.iter().fold(0, |most, edge| *edge.max(&most));
+        f64::from(self.spread).max(UNSEEN * f64::from(f32::from_bits(u32::from(edge) << 16)))
     }
 
     /// What a square that is `weight` of its pixel adds to its variance.
@@ -325,7 +329,7 @@ mod tests {
     }
 
     fn whole() -> Square {
-        Square { centre: CENTRE, offset: [0.0; 2], pixel: 0, halvings: 0 }
+        Square { centre: CENTRE, offset: [0; 2], pixel: 0, halvings: 0 }
     }
 
     fn uneven(of: impl Fn([f64; 2]) -> f64 + Copy) -> Unevenness {
@@ -384,8 +388,7 @@ mod tests {
     #[test]
     fn what_is_bright_leaves_nothing_behind_once_it_is_known() {
         let mut pixel = Pixel::default();
-        let bright =
-            |spread| Unevenness { spread, slope: 0.0, bend: [-spread; 4], edges: [0.0; 4] };
+        let bright = |spread| Unevenness { spread, slope: 0.0, bend: [-spread; 4], edges: [0; 4] };
         let mut square = whole();
         pixel.leave(&found(square, |_| 0.0), 1.0);
         assert_eq!(pixel.unlikely(0.0), f64::INFINITY);

@@ -73,8 +73,8 @@ impl PixelRect {
 pub(super) struct Square {
     /// The centre, pixels from the picture's left and upper edge.
     pub centre: [f64; 2],
-    /// How far from it its ray is, pixels.
-    pub offset: [f32; 2],
+    /// How far from it its ray is, in 2¹⁵ths of half its width.
+    pub offset: [i16; 2],
     /// The pixel's number in its tile.
     pub pixel: u16,
     /// Halvings; the square is `2^-halvings` of a pixel wide.
@@ -95,7 +95,8 @@ impl Square {
 
     /// Where its ray is, pixels from the picture's left and upper edge.
     pub(super) fn place(&self) -> [f64; 2] {
-        std::array::from_fn(|a| self.centre[a] + f64::from(self.offset[a]))
+        let unit = self.half() / 32_768.0;
+        std::array::from_fn(|a| self.centre[a] + unit * f64::from(self.offset[a]))
     }
 
     /// Its four quarters, with rays at their centres.
@@ -105,7 +106,7 @@ impl Square {
             let side = |a: usize| if n >> a & 1 == 1 { quarter } else { -quarter };
             Self {
                 centre: [self.centre[0] + side(0), self.centre[1] + side(1)],
-                offset: [0.0; 2],
+                offset: [0; 2],
                 halvings: self.halvings.saturating_add(1),
                 ..*self
             }
@@ -121,13 +122,12 @@ impl Square {
         }
         let bytes = self.centre.map(f64::to_le_bytes);
         let hash = xxh3_64(bytes.as_flattened());
-        // Four numbers of 16 bits, from −1 to 1.
-        let number = |n: usize| (hash >> (16 * n) & 0xffff) as f64 / 32_767.5 - 1.0;
-        let most = reach * quarters[0].half();
+        // Four numbers of 16 bits; the lowest has no opposite.
+        let number = |n: usize| f64::from((hash >> (16 * n)) as i16) + 0.5;
         for (n, quarter) in quarters.iter_mut().enumerate() {
             // The first is opposite the last, the second the third.
-            let (pair, sign) = (n.min(3 - n), if n < 2 { most } else { -most });
-            quarter.offset = [2 * pair, 2 * pair + 1].map(|k| (sign * number(k)) as f32);
+            let (pair, sign) = (n.min(3 - n), if n < 2 { reach } else { -reach });
+            quarter.offset = [2 * pair, 2 * pair + 1].map(|k| (sign * number(k)) as i16);
         }
         quarters
     }
@@ -228,7 +228,7 @@ impl PixelGrid {
             for ray in 0..n * n {
                 let within = [ray % n, ray / n].map(|i| (f64::from(i) + 0.5) / f64::from(n));
                 let centre = [corner[0] + within[0], corner[1] + within[1]];
-                squares.push(Square { centre, offset: [0.0; 2], pixel, halvings: 0 });
+                squares.push(Square { centre, offset: [0; 2], pixel, halvings: 0 });
             }
         }
     }
@@ -350,7 +350,7 @@ mod tests {
 
     #[test]
     fn quarters_make_a_square() {
-        let square = Square { centre: [2.5, 7.5], offset: [0.0; 2], pixel: 9, halvings: 0 };
+        let square = Square { centre: [2.5, 7.5], offset: [0; 2], pixel: 9, halvings: 0 };
         let mut all = square.quarters().to_vec();
         all.extend(all.clone()[1].quarters());
         all.remove(1);

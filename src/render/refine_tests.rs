@@ -192,7 +192,7 @@ fn where_no_bound_will_do_pixels_are_within_the_tolerance_all_the_same() {
         assert!(off <= pixel.estimate() && pixel.estimate() <= TOLERANCE, "{}", pixel.estimate());
         assert!(
             pixel.bound().total()
-                >= bound(&Square { centre: [0.0; 2], offset: [0.0; 2], pixel: 0, halvings: 0 })
+                >= bound(&Square { centre: [0.0; 2], offset: [0; 2], pixel: 0, halvings: 0 })
         );
     });
     assert!(error.estimate <= TOLERANCE && error.shares.total() > TOLERANCE);

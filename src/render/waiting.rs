@@ -14,7 +14,7 @@ pub(super) const GROUP_PIXELS: usize = 256;
 /// Squares that wait, at most, and those of them that wait to be quartered for rays that stand for
 /// themselves: the bounds of a group's other squares are not to go to waste for want of room. Nor are
 /// these to leave no room for whole pixels of which only one ray is known.
-const MOST_WAITING: usize = 38 << 10;
+const MOST_WAITING: usize = 32 << 10;
 const MOST_ALONE: usize = MOST_WAITING / 2;
 const MOST_OTHERS: usize = MOST_WAITING - 2 * BATCH_RAYS;
 
@@ -186,7 +186,7 @@ mod tests {
     }
 
     fn found(pixel: u16, error: f64) -> Found {
-        let square = Square { centre: [0.5; 2], offset: [0.0; 2], pixel, halvings: 0 };
+        let square = Square { centre: [0.5; 2], offset: [0; 2], pixel, halvings: 0 };
         let shares = ErrorShares { pixel_area: error, ..ErrorShares::default() };
         Found { square, value: [0.0; 4], shares, uneven: None }
     }

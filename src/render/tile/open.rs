@@ -110,7 +110,7 @@ mod tests {
             let order = PixelOrder::of(&rect);
             tile.squares.extend((0..count).map(|number| {
                 let [x, y] = order.place(number).map(|n| f64::from(n) + 0.5);
-                Square { centre: [x + 128.0, y + 64.0], offset: [0.0; 2], pixel: 0, halvings: 0 }
+                Square { centre: [x + 128.0, y + 64.0], offset: [0; 2], pixel: 0, halvings: 0 }
             }));
             for (lo, size, ray, ends) in steps {
                 let lo: [u32; 2] = std::array::from_fn(|a| rect.lo[a] + lo[a] % [width, height][a]);
