@@ -19,9 +19,11 @@ const LEAST_LEFT: f32 = 0.35;
 
 /// The variance of what rises by 1 over a square's width.
 const OF_LINEAR: f64 = 1.0 / 12.0;
+/// How high an edge is that makes rays of quarters spread by 1, about: it is √10 where it halves them.
+const OF_EDGE: f64 = 3.2;
 /// The standard deviation that a square's ray is given for an edge of height 1 at one of its sides: an
-/// edge anywhere in the square makes 0.29, but deep in it one would likely have been seen from others.
-const UNSEEN: f64 = 0.2;
+/// edge anywhere in the square makes 0.29, but deep in it one would likely have been met by others.
+const UNSEEN: f64 = 0.13;
 
 /// A pixel in hand.
 #[derive(Debug, Clone, Copy, Default)]
@@ -241,13 +243,23 @@ impl Unevenness {
         }
     }
 
-    /// Of the `n`-th quarter alone, beyond whose ray values change by so much to those of the pixels
-    /// at the left, at the right, above and below: edges at sides that are not its own are none of it,
-    /// nor what the ray lies behind already.
-    pub(super) fn of_quarter(&self, n: usize, beyond: [f64; 4]) -> Self {
-        let is_its = |side: usize| n >> (side / 2) & 1 == side % 2;
-        let left = |side: usize| self.edges[side].min(upper_half(beyond[side]));
-        Self { edges: std::array::from_fn(|s| if is_its(s) { left(s) } else { 0 }), ..*self }
+    /// Of the `n`-th of these quarters alone, beyond whose ray values change by so much to those of the
+    /// pixels at the left, at the right, above and below. At the square's sides it keeps the edges that
+    /// are known there, but for what its ray lies behind already; at its inner sides there may be what
+    /// its rays differ by from the others', as far as that is not smooth.
+    pub(super) fn of_quarter(&self, n: usize, quarters: [&[f64; 4]; 4], beyond: [f64; 4]) -> Self {
+        let edges = std::array::from_fn(|side| {
+            let axis = side / 2;
+            let most = if n >> axis & 1 == side % 2 {
+                self.edges[side]
+            } else {
+                let pairs = quarters[n].iter().zip(quarters[n ^ 1 << axis]);
+                let change = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                upper_half(change.min(OF_EDGE * f64::from(self.spread)))
+            };
+            most.min(upper_half(beyond[side]))
+        });
+        Self { edges, ..*self }
     }
 
     /// The same with edges beside it.

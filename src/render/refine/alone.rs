@@ -34,8 +34,12 @@ impl Batch {
             let off = quarters.iter().chain([whole]).map(|found| own(&found.shares));
             let most = f64::from(whole.square.halvings).exp2() * ALONE_SHARE * tolerance;
             let uneven = (off.fold(0.0, f64::max) <= most).then_some(uneven);
-            for (n, quarter) in quarters.iter_mut().enumerate() {
-                quarter.uneven = uneven.map(|uneven| uneven.of_quarter(n, sheet.beyond(quarter)));
+            let of_quarter = |n: usize, uneven: Unevenness| {
+                uneven.of_quarter(n, values, sheet.beyond(&quarters[n]))
+            };
+            let each: [_; 4] = from_fn(|n| uneven.map(|uneven| of_quarter(n, uneven)));
+            for (quarter, uneven) in quarters.iter_mut().zip(each) {
+                quarter.uneven = uneven;
             }
         }
     }
@@ -237,7 +241,8 @@ impl Sheet {
             let values = from_fn(|n| &quarters[n].value);
             self.doubt(whole, values);
             let uneven = Unevenness::of(&whole.value, self.known(whole), values);
-            let uneven: [_; 4] = from_fn(|n| uneven.of_quarter(n, self.beyond(&quarters[n])));
+            let uneven: [_; 4] =
+                from_fn(|n| uneven.of_quarter(n, values, self.beyond(&quarters[n])));
             let pixel = &mut self.pixels[usize::from(whole.square.pixel)];
             pixel.learn(whole, &uneven, grid.weight(&whole.square), &mean);
             let uneven_quarter =
