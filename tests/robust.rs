@@ -69,7 +69,12 @@ fn a_signal_leaves_nothing_and_ends_as_signals_do() {
     let partial = out.join(".cache.dfc.deepfield-partial");
     let arguments: [&dyn AsRef<std::ffi::OsStr>; 5] =
         [&"ingest", &source, &"-o", &out.join("cache.dfc"), &"--brick=8"];
-    for (name, number) in [("HUP", 1), ("INT", 2), ("TERM", 15)] {
+    // What the tests were started to ignore, runs of theirs ignore as well.
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap();
+    let ignored = u64::from_str_radix(ignored.trim(), 16).unwrap();
+    let signals = [("HUP", 1), ("INT", 2), ("TERM", 15)];
+    for (name, number) in signals.into_iter().filter(|(_, n)| ignored >> (n - 1) & 1 == 0) {
         // A run may be over before the signal comes.
         let heard = (0..50).any(|_| {
             let mut child = start(&arguments);
