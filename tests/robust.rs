@@ -120,6 +120,42 @@ fn signals_that_are_ignored_stay_so_and_files_too_large_are_told() {
 }
 
 #[test]
+fn a_dump_is_found_by_its_bare_name() {
+    let (folder, source) = data("small");
+    for name in [source.clone(), source.with_extension("hierarchy")] {
+        let name = name.file_name().unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_deepfield"));
+        command.current_dir(source.parent().unwrap()).arg("ingest").arg(name);
+        let output = command.arg("-o").arg(folder.path().join("cache.dfc")).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+}
+
+/// Values that f32 holds are not given up for one that it does not.
+#[test]
+fn magnitudes_that_floats_do_not_hold_together_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let ingested = |rest: f64, peak: f64| {
+        let recipe = format!(
+            "[domain]\nleft = [0.0, 0.0, 0.0]\nright = [1.0, 1.0, 1.0]\nroot = [16, 16, 16]\n\
+             [refinement]\nmax_level = 0\n[[density]]\nkind = \"constant\"\nvalue = {rest:e}\n\
+             [[density]]\nkind = \"gaussian\"\ncentre = [0.4, 0.5, 0.6]\npeak = {peak:e}\nsigma = 0.02\n"
+        );
+        let recipe = written(folder.path(), "recipe.toml", &recipe);
+        let set = folder.path().join(format!("{rest:e}"));
+        run(&[&"synth", &recipe, &"-o", &set]).done();
+        run(&[&"ingest", &set, &"-o", &folder.path().join("cache.dfc")])
+    };
+    let line = ingested(1.5, 1e100).failed();
+    assert!(line.contains("`Density`: magnitudes from 1.5e0 to"), "{line}");
+    assert!(!folder.path().join("cache.dfc").exists());
+    let ended = ingested(1e-60, 1.0);
+    assert!(ended.stderr.contains("Density: values below 1.2e-38 are held with fewer digits"));
+    ended.done();
+    assert_eq!(ingested(1e-30, 1e30).stderr, "");
+}
+
+#[test]
 fn a_failed_ingest_leaves_the_cache_that_was_there() {
     let (folder, source) = data("small");
     let target = folder.path().join("cache");

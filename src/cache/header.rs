@@ -83,6 +83,12 @@ impl CachedField {
     pub fn value(&self, stored: f32) -> f64 {
         f64::from(stored) * f64::from(self.exponent).exp2()
     }
+
+    /// The smallest magnitude that is stored with all digits: smaller ones may be off by 2⁻²⁴ of it, and
+    /// so be 0.
+    pub fn least_exact(&self) -> f64 {
+        f64::from(f32::MIN_POSITIVE) * f64::from(self.exponent).exp2()
+    }
 }
 
 /// What a cache holds.

@@ -150,6 +150,14 @@ fn report(header: &Header, arguments: &Arguments) -> Result<()> {
                 field.name, field.nan_cells
             );
         }
+        if field.smallest_positive.is_some_and(|least| least < field.least_exact()) {
+            eprintln!(
+                "warning: {}: values below {:.1e} are held with fewer digits than others, or as 0, as \
+                 32-bit floats have it",
+                field.name,
+                field.least_exact()
+            );
+        }
     }
     output.finish()
 }

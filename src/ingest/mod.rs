@@ -197,7 +197,31 @@ fn survey_in(
         build::build(&layout, &assembler, domain, directory, batch, progress)
     })?;
     let header = header(source, &fields, shape, &layout, &built);
+    if keep_cells {
+        check_spans(source, &header, &built.tallies)?;
+    }
     Ok(Survey { built, header, shares })
+}
+
+/// Values beyond f32's largest are stored as parts of the field's largest: small ones, which f32 itself
+/// would hold, must not be lost by that.
+fn check_spans(source: &dyn Source, header: &Header, tallies: &[tally::Tally]) -> Result<()> {
+    for (field, tally) in header.fields.iter().zip(tallies) {
+        if field.exponent > 0 && tally.smallest_magnitude < field.least_exact() {
+            return Err(Error::not_supported(
+                source.path().display(),
+                format!(
+                    "field `{name}`: magnitudes from {:.1e} to {:.1e} are more than 32-bit floats hold \
+                     side by side: if the largest only mark cells, limit them, as in --derive \
+                     'limited = min({name}, 1e30)'",
+                    tally.smallest_magnitude,
+                    field.min.abs().max(field.max.abs()),
+                    name = field.name.escape_debug(),
+                ),
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Levels can be left out only where coarser ones have values in their place.

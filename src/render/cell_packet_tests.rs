@@ -195,7 +195,7 @@ fn bounds_are_small() {
 fn other_causes_are_accounted_for() {
     let extrema = FieldExtrema { minimum: 0.0, maximum: 1.0, smallest_positive: Some(0.1) };
     let mapping = Mapping::new(Scale::Linear, Some([0.0, 1.0]), extrema, 1.0).unwrap();
-    let (residual, storage) = (f64::INFINITY, mapping.rounding(1e-7));
+    let (residual, storage) = (f64::INFINITY, mapping.rounding(1e-7, 0.0));
     let far = Distance {
         residual,
         child_mask: 0xff,

@@ -22,6 +22,8 @@ pub(super) struct Shading {
     relative_error: f64,
     /// And of a leaf cell's.
     leaf_error: f64,
+    /// Values below it, code units, are stored with fewer digits.
+    least_exact: f64,
 }
 
 /// Rounding of a relative error in f64, relative to it.
@@ -59,6 +61,7 @@ impl Shading {
             // Found in f64, which rounds.
             relative_error: cached.relative_error * (1.0 + ERROR_ROUNDING),
             leaf_error: cached.leaf_error * (1.0 + ERROR_ROUNDING),
+            least_exact: cached.least_exact(),
         })
     }
 
@@ -78,8 +81,8 @@ impl Shading {
             child_mask: record.child_mask,
             fills_void: field.fills_void(),
             tree: self.range(field),
-            storage: self.mapping.rounding(self.relative_error),
-            leaf_storage: self.mapping.rounding(self.leaf_error),
+            storage: self.mapping.rounding(self.relative_error, self.least_exact),
+            leaf_storage: self.mapping.rounding(self.leaf_error, self.least_exact),
         }
     }
 

@@ -183,7 +183,7 @@ mod tests {
             let (scale, range) = scale(number);
             let extrema = FieldExtrema { minimum: -60.0, maximum: 60.0, smallest_positive: Some(1e-3) };
             let mapping = Mapping::new(scale, Some(range), extrema, 1.0).unwrap();
-            let rounding = mapping.rounding(STORED);
+            let rounding = mapping.rounding(STORED, 0.0);
             let log10_floor = if scale == Scale::Log10 { 1e-2 } else { 0.0 };
             let value = |v: f64| match sign {
                 0 => v,

@@ -1,5 +1,7 @@
 //! From a field's value to the transfer function's x.
 
+use std::f64::consts::LN_10;
+
 use crate::log10::log10;
 use crate::{Error, Result};
 
@@ -65,19 +67,22 @@ pub struct Mapping {
 }
 
 /// Bound of the difference that values stored with a relative error make in x: `slope` times the
-/// distance of x from `zero`, and at most `most`.
+/// distance of x from `zero`, and at most `most`; `lost` more where x is below `least`.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Rounding {
     slope: f64,
     zero: f64,
     most: f64,
+    least: f64,
+    lost: f64,
 }
 
 impl Rounding {
     /// The bound where x is between `low` and `high`.
     pub fn between(&self, low: f64, high: f64) -> f64 {
         let by_slope = self.slope * (low - self.zero).abs().max((high - self.zero).abs());
-        if by_slope < self.most { by_slope } else { self.most }
+        let lost = if low < self.least { self.lost } else { 0.0 };
+        lost + if by_slope < self.most { by_slope } else { self.most }
     }
 
     /// The x of 0, and the bound's slope from there on, where it grows with the value.
@@ -170,12 +175,14 @@ impl Mapping {
         })
     }
 
-    /// How far x may be off where field values are off by at most `relative` of their own.
-    pub fn rounding(&self, relative: f64) -> Rounding {
+    /// How far x may be off where field values are off by at most `relative` of their own, and those of
+    /// magnitudes below `least` (code units) by up to 2⁻²⁴ of that. Under other scales than log10 the
+    /// latter is not counted: 2⁻¹⁵⁰ of units in which the field's largest value is above 2⁻³⁰.
+    pub fn rounding(&self, relative: f64, least: f64) -> Rounding {
         let relative = relative.min(1.0);
         let most = self.of_scale(match self.scale {
             Scale::Linear => f64::INFINITY,
-            Scale::Log10 => -(-relative).ln_1p() / std::f64::consts::LN_10,
+            Scale::Log10 => -(-relative).ln_1p() / LN_10,
             // Steepest within its linear part, of half-width 0.9.
             Scale::Symlog { .. } => relative / 0.9 / (1.0 - relative),
         });
@@ -185,7 +192,17 @@ impl Mapping {
             Scale::Linear | Scale::Symlog { .. } => relative / (1.0 - relative),
         };
         let zero = -self.of_scale(self.low);
-        if relative == 0.0 { Rounding::default() } else { Rounding { slope, zero, most } }
+        let exact = Rounding::default();
+        let rounding =
+            if relative == 0.0 { exact } else { Rounding { slope, zero, most, ..exact } };
+        let least = least * self.factor;
+        if self.scale != Scale::Log10 || self.is_flat() || least <= self.floor {
+            return rounding;
+        }
+        // From the smallest value on, which counts for all that are below it.
+        let lost = self.of_scale((least * f64::from(f32::EPSILON) / self.floor).ln_1p() / LN_10);
+        let least = self.place(least / self.factor, log10);
+        Rounding { least: least.next_up(), lost: lost * (1.0 + 1e-12), ..rounding }
     }
 
     /// A difference in the scale, in x.
@@ -297,9 +314,26 @@ mod tests {
                 prop_assert!(off(f + step) <= mapping.distance(step.abs(), log10) + 1e-12);
                 for other in [f * (1.0 + relative), f * (1.0 - relative)] {
                     let x = mapping.unclamped(f);
-                    let bound = mapping.rounding(relative).between(x, x);
+                    let bound = mapping.rounding(relative, 0.0).between(x, x);
                     prop_assert!(off(other) <= bound + 1e-12, "{scale:?} {f} {other} {bound}");
                 }
+            }
+        }
+
+        /// Of fields that reach far below what f32 holds.
+        #[test]
+        fn what_f32_loses_is_bounded(power in -60.0f64..5.0, smallest in -60.0f64..-30.0) {
+            let [f, smallest] = [power, smallest].map(|power| 10f64.powf(power));
+            let f = f.max(smallest);
+            let field =
+                FieldExtrema { minimum: smallest, maximum: 1e5, smallest_positive: Some(smallest) };
+            let mapping = Mapping::new(Scale::Log10, None, field, 1.0).unwrap();
+            let stored = mapping.unclamped(f64::from(f as f32));
+            let off = (stored - mapping.unclamped(f)).abs();
+            let rounding = mapping.rounding((-24f64).exp2(), f64::from(f32::MIN_POSITIVE));
+            prop_assert!(off <= rounding.between(stored, stored) + 1e-12, "{f:e}: {off:e}");
+            if f > 1e-37 {
+                prop_assert!(rounding.between(stored, stored) < 1e-7);
             }
         }
 

@@ -72,8 +72,10 @@ impl Dump {
         let written = Path::new(name);
         let folder = self.parameters.parent().unwrap_or(Path::new(""));
         let beside = folder.join(written.file_name()?);
-        let absolute = std::path::absolute(folder).ok()?;
-        let above = absolute.ancestors().take(FOLDERS_ABOVE).map(|folder| folder.join(written));
+        // The folder of a bare name is an empty path, of which nothing can be made absolute.
+        let absolute = std::path::absolute(&self.parameters).ok()?;
+        let above = absolute.ancestors().skip(1).take(FOLDERS_ABOVE);
+        let above = above.map(|folder| folder.join(written));
         std::iter::once(beside).chain(above).find(|path| path.is_file())
     }
 }

@@ -104,7 +104,7 @@ impl<'p> Lists<'p> {
             ));
         }
         let geometry = self.required("geometry", self.text("geometry"))?;
-        if geometry != "cartesian" {
+        if !geometry.eq_ignore_ascii_case("cartesian") {
             let shown: String = geometry.escape_debug().take(40).collect();
             return refuse(format!("geometry `{shown}`: only cartesian ones can be read"));
         }

@@ -112,6 +112,11 @@ fn other_kinds_of_runs_are_refused_by_name() {
         let expected = format!("geometry `{geometry}`: only cartesian");
         assert!(file.error().contains(&expected), "{}", file.error());
     }
+    // As parameter files may have it.
+    let mut file = MadeFile::new();
+    file.texts[0].1 = "Cartesian";
+    file.write();
+    file.read(0).unwrap();
 }
 
 #[test]
