@@ -9,7 +9,7 @@ mod twin;
 use bricks::sets::Set;
 use deepfield::cache::Cache;
 use deepfield::image::Film;
-use deepfield::render::{RenderOptions, render};
+use deepfield::render::{RenderOptions, Rendered, render};
 use deepfield::scene::Scene;
 use deepfield::source;
 use deepfield::synth::Recipe;
@@ -47,6 +47,12 @@ impl Subject {
     }
 
     fn draw(&self, scene: &str) -> Film {
+        let film = self.drawn(scene).unwrap().film;
+        assert!(film.pixels().iter().flatten().all(|c| c.is_finite() && *c >= 0.0), "{film:?}");
+        film
+    }
+
+    fn drawn(&self, scene: &str) -> deepfield::Result<Rendered> {
         let scene = Scene::parse(scene, "scene").unwrap();
         let options = RenderOptions {
             memory: 256 << 20,
@@ -55,9 +61,7 @@ impl Subject {
             fixed: None,
             resident: false,
         };
-        let film = render(&self.cache, &scene, &options).unwrap().film;
-        assert!(film.pixels().iter().flatten().all(|c| c.is_finite() && *c >= 0.0), "{film:?}");
-        film
+        render(&self.cache, &scene, &options)
     }
 
     /// The largest difference to the twin's picture, relative to its largest value.
@@ -184,6 +188,41 @@ fn extinction_of_nothing_and_of_1e30() {
     for depth in [1e-10, 1e-20, 1e-31] {
         let table = format!("[0, {depth:e}]");
         subject.shows(&linear([1.0, 5.0], &table, &table), [depth, depth]);
+    }
+}
+
+/// Where nothing shines what is left out behind an opaque place still counts for the opacity.
+#[test]
+fn rays_that_end_early_in_the_dark_say_what_they_miss() {
+    let subject = Subject::constant(3.0);
+    let dark = linear([1.0, 5.0], "[0, 9]", "[0, 0]");
+    let black = dark.replace("emission = [[0, 0]]", "").replace("1.0, 1.0, 1.0]", "0.0, 0.0, 0.0]");
+    for volume in [dark, black] {
+        for (linear, tolerance) in [(false, "0.5"), (true, "0.5"), (false, "0.05"), (true, "0.05")]
+        {
+            let scene = View { linear, ..View::default() }.scene(&volume);
+            let scene = scene.replace("tolerance = 0", &format!("tolerance = {tolerance}"));
+            let rendered = subject.drawn(&scene).unwrap();
+            let bound = rendered.stats.error_bound.unwrap();
+            let truth = -(-9.0_f64).exp_m1();
+            for pixel in rendered.film.pixels() {
+                let off = (f64::from(pixel[3]) - truth).abs();
+                assert!(off <= bound, "{off:e}, bound {bound:e}: {scene}");
+            }
+        }
+    }
+}
+
+#[test]
+fn light_beyond_floats_is_refused() {
+    let subject = Subject::constant(3.0);
+    let volume =
+        linear([1.0, 5.0], "[0, 0]", "[0, 1e30]").replace("1.0, 1.0, 1.0]", "1e9, 0.0, 0.0]");
+    for tolerance in ["0", "1e30", "\"1%\""] {
+        let scene = View::default().scene(&volume);
+        let scene = scene.replace("tolerance = 0", &format!("tolerance = {tolerance}"));
+        let error = subject.drawn(&scene).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains("brighter than 32-bit floats"), "{error}");
     }
 }
 
@@ -323,6 +362,36 @@ fn cameras_on_corners_and_faces_see_all_of_a_constant_field() {
             let error = (f64::from(pixel[3]) - opacity).abs();
             let light = (f64::from(pixel[0]) - 0.5 * opacity).abs();
             assert!(error < 1e-6 && light < 1e-6, "{n}: {pixel:?}, not {opacity}: {view:?}");
+        }
+    }
+}
+
+/// A rolled camera in the plane of bricks' faces has rays that lie in that plane but for what rounding
+/// makes of it: no brick is passed over by these.
+#[test]
+fn rolled_cameras_in_faces_see_all_of_a_constant_field() {
+    let subject = Subject::constant(3.0);
+    let volume = linear([1.0, 5.0], "[0, 0], [1, 4]", "[0, 1]");
+    for up in [[1.0, 1.0, 0.0], [-1.0, 3.0, 0.0], [0.3, 0.5, 0.8], [4.0, -1.0, 0.1]] {
+        for (axis, place) in [[0.5, 0.5], [0.25, 0.5], [0.5, 0.75], [0.375, 0.625]]
+            .iter()
+            .flat_map(|p| [(0, p), (1, p), (2, p)])
+        {
+            let turned =
+                |v: [f64; 3]| -> [f64; 3] { std::array::from_fn(|a| v[(a + 2 - axis) % 3]) };
+            let position = turned([place[0], place[1], -0.7]);
+            let look_at = turned([place[0], place[1], 0.5]);
+            for [perspective, linear] in
+                [[true, true], [true, false], [false, true], [false, false]]
+            {
+                let view = View { position, look_at, up: turned(up), perspective, linear };
+                for (n, pixel) in subject.render(&view, &volume).pixels().iter().enumerate() {
+                    let (i, j) = (n % PIXELS, n / PIXELS);
+                    let opacity = 1.0 - (-2.0 * view.chord(i, j)).exp();
+                    let error = (f64::from(pixel[3]) - opacity).abs();
+                    assert!(error < 1e-6, "{i} {j}: {pixel:?}, not {opacity}: {view:?}");
+                }
+            }
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::view::Basis;
+use super::view::{Aim, Basis, nothing_of};
 
 /// Outward rounding of footprints, relative to what they are computed from.
 const MARGIN: f64 = 1e-12;
@@ -12,8 +12,9 @@ const MARGIN: f64 = 1e-12;
 pub struct Frame {
     /// The point of the axis, in the brick's cells from its lowest corner.
     pub(super) anchor: DVec3,
-    /// The same in units of positions, exact.
-    pub(super) anchor_units: [i128; 3],
+    /// Where rays are along axes that they do not move along, in units of positions from that corner,
+    /// exact: the eye of a perspective view, else the anchor.
+    pub(super) start_units: [i128; 3],
     /// Width of a unit of positions, in the brick's cells; a power of two.
     pub(super) cells_per_unit: f64,
     /// Depth of that point, code length from the eye along the view direction.
@@ -57,14 +58,14 @@ impl Frame {
     /// The ray through (P, Q) = `plane`.
     #[inline]
     pub fn ray(&self, plane: DVec2) -> LocalRay {
-        self.ray_of(plane, self.basis.length(plane, self.is_perspective))
+        self.ray_of(&self.basis.aim(plane, self.is_perspective))
     }
 
-    /// The same where its length, as [`Basis::length`] has it, is known.
+    /// The ray aimed so.
     #[inline]
-    pub(super) fn ray_of(&self, plane: DVec2, length: f64) -> LocalRay {
-        let Basis { forward, right, up } = self.basis;
-        let aside = right * plane.x + up * plane.y;
+    pub(super) fn ray_of(&self, aim: &Aim) -> LocalRay {
+        let (forward, aside, length) =
+            (self.basis.forward, self.basis.aside(aim.plane), aim.length);
         let mut ray = if self.is_perspective {
             let along = forward + aside;
             LocalRay {
@@ -81,22 +82,26 @@ impl Frame {
                 sigma_min: f64::NEG_INFINITY,
             }
         };
-        if ray.direction.cmpeq(DVec3::ZERO).any() {
-            self.settle(&mut ray, aside);
+        if aim.stays {
+            self.settle(&mut ray, aim.plane);
         }
         ray
     }
 
-    /// Along axes that the ray does not move along, its coordinate decides which of two bricks
-    /// that share a face holds it: taken in whole units, alike in every frame, and rounded down
-    /// like positions, so that exactly one does.
+    /// Along axes that the ray does not move along, but for rounding, its coordinate decides which of
+    /// two bricks that share a face holds it: taken in whole units, alike in every frame, and rounded
+    /// down like positions, so that exactly one does. That of a perspective view's ray is the eye's own.
     #[cold]
-    fn settle(&self, ray: &mut LocalRay, aside: DVec3) {
-        let depth = if self.is_perspective { self.depth } else { 1.0 };
-        for a in (0..3).filter(|&a| ray.direction[a] == 0.0) {
-            let offset = aside[a] * depth / self.cell_width[a] / self.cells_per_unit;
-            let units = self.anchor_units[a].saturating_add(offset.round() as i128);
+    fn settle(&self, ray: &mut LocalRay, plane: DVec2) {
+        let stays = self.basis.stays(plane, self.is_perspective);
+        let aside = self.basis.aside(plane);
+        for a in (0..3).filter(|&a| stays.test(a)) {
+            let is_beside = !self.is_perspective && aside[a].abs() > nothing_of(plane);
+            let offset = if is_beside { aside[a] } else { 0.0 };
+            let offset = (offset / self.cell_width[a] / self.cells_per_unit).round() as i128;
+            let units = self.start_units[a].saturating_add(offset);
             ray.origin[a] = rounded_down(units) * self.cells_per_unit;
+            ray.direction[a] = 0.0;
         }
     }
 

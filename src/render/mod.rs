@@ -106,12 +106,12 @@ use self::stats::Stats;
 use self::studio::Studio;
 use self::transfer_pieces::TransferPieces;
 use self::view::View;
-use crate::Result;
 use crate::cache::Cache;
 use crate::image::Film;
 use crate::lanes;
 use crate::paging::{Budget, Counters, Pool, peak_rss_bytes};
 use crate::scene::{Samples, Scene, Tolerance};
+use crate::{Error, Result};
 
 /// How a picture is made, beside what it shows. The picture depends on none of it but `fixed`.
 #[derive(Clone, Copy)]
@@ -158,8 +158,8 @@ pub struct Rendered {
 ///
 /// # Errors
 /// A field that the cache does not hold, units that its source does not have, a camera that has
-/// no view, a limit that is too small (the message names the smallest that works), and damage in
-/// the cache.
+/// no view, a limit that is too small (the message names the smallest that works), light beyond what
+/// 32-bit floats hold, and damage in the cache.
 pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Result<Rendered> {
     let started = Instant::now();
     let header = cache.header();
@@ -191,6 +191,7 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
         None => studio.by_tolerance(&pixels, options, &mut samples)?,
     };
     drop(reserved);
+    largest_value(&outcome.film)?;
     let mut stats = Stats { memory_limit_bytes: options.memory, threads, ..Stats::default() };
     stats.set_bricks(header.nodes(), &outcome.census, &counters);
     stats.set_levels(header, &counters, &samples);
@@ -204,6 +205,21 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     stats.render_seconds = started.elapsed().as_secs_f64() - load_seconds;
     stats.set_opening(0.0);
     Ok(Rendered { film: outcome.film, stats, writers: plan.writers })
+}
+
+/// The largest channel of any pixel.
+///
+/// # Errors
+/// Light that 32-bit floats do not hold.
+fn largest_value(film: &Film) -> Result<f64> {
+    let largest = film.largest_value();
+    if largest.is_finite() {
+        return Ok(f64::from(largest));
+    }
+    Err(Error::request(
+        "a pixel is brighter than 32-bit floats can hold (3.4e38): give emission or color smaller \
+         values",
+    ))
 }
 
 fn absolute(tolerance: Tolerance, film: &Film) -> f64 {

@@ -131,7 +131,8 @@ impl Picture<'_, '_> {
     fn thinning(&self, batch: &Batch) -> Option<Thinning<'_>> {
         match batch.cut {
             Cut::Error(ErrorCut { limit, behind }) if self.method.keeps_accounts() => {
-                Some(Thinning { pieces: self.exact, limit: THIN_SHARE * limit, behind })
+                let (limit, room) = (THIN_SHARE * limit, PROXIES_SHARE * limit);
+                Some(Thinning { pieces: self.exact, limit, room, behind })
             }
             _ => None,
         }
@@ -275,6 +276,10 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
 /// What a brick may be off by because it is drawn in fewer cells than it has, as a part of what a cut
 /// lets it be off by: many such bricks lie along a ray.
 const THIN_SHARE: f64 = 1.0 / 8.0;
+/// What a ray may be off by in all because others are marched in its place, as a part of what a cut lets
+/// a brick be off by: three fifths of the tolerance at first. It is what gains most by it, so that
+/// little is left unused.
+const PROXIES_SHARE: f64 = 2.0;
 
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)

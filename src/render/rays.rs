@@ -7,7 +7,7 @@ use xxhash_rust::xxh3::xxh3_64;
 
 use super::frame::Footprint;
 use super::pixel_order::PixelOrder;
-use super::view::View;
+use super::view::{Aim, View};
 use crate::scene::Samples;
 
 /// Most rays that are marched together.
@@ -207,9 +207,9 @@ impl PixelGrid {
         }
     }
 
-    /// How long the way along the ray through (P, Q) = `plane` is for each unit of depth.
-    pub(super) fn length(&self, plane: DVec2) -> f64 {
-        self.view.length(plane)
+    /// The ray through (P, Q) = `plane`.
+    pub(super) fn aim(&self, plane: DVec2) -> Aim {
+        self.view.aim(plane)
     }
 
     /// Width and height in P and Q of what a pixel stands for.

@@ -20,7 +20,7 @@ use super::transfer_pieces::{PieceList, TransferPieces};
 use super::transfer_table::TransferTable;
 use super::tree_walk::{FieldIndex, Scenery, Walk};
 use super::view::View;
-use super::{FixedSetting, RenderOptions};
+use super::{FixedSetting, RenderOptions, largest_value};
 use crate::Result;
 use crate::cache::{Cache, Header};
 use crate::image::Film;
@@ -57,6 +57,9 @@ const OUTLOOK_PIXELS: u32 = 24;
 /// The part of a tolerance relative to the largest value of a glance that is tried first: what a
 /// glance sees may be brighter than the picture's pixels.
 const FIRST_TRY: f64 = 0.9;
+/// What is sure of the picture's largest value is less by what it may be off by itself: the part of the
+/// tolerance that is tried allows for that, and for a little more.
+const SURE: f64 = 0.97;
 /// Attempts at tiles that turn out to need a smaller tolerance.
 const ATTEMPTS: u32 = 12;
 /// What exact pictures are converged to, relative to their largest value.
@@ -169,7 +172,9 @@ impl<'s> Studio<'s> {
             tolerance: match self.scene.render.tolerance {
                 _ if is_exact => EXACT * glance,
                 Tolerance::Absolute(value) => value,
-                Tolerance::Relative(part) if glance > 0.0 => FIRST_TRY * part * glance,
+                Tolerance::Relative(part) if glance > 0.0 => {
+                    FIRST_TRY.min(SURE / (1.0 + part)) * part * glance
+                }
                 Tolerance::Relative(_) => f64::MIN_POSITIVE,
             },
             behind: glance,
@@ -223,7 +228,7 @@ impl<'s> Studio<'s> {
             let off = errors.iter().zip(&states).map(|(error, state)| state.off(error));
             let bounds: Vec<f64> = off.collect();
             let bound = bounds.iter().fold(0.0, |most: f64, bound| most.max(*bound));
-            let largest = f64::from(lock(&picture.film).largest_value());
+            let largest = largest_value(&lock(&picture.film))?;
             let limit = part * (largest - bound).max(0.5 * largest);
             is_drawn_again = bounds.iter().map(|bound| *bound > limit).collect();
             // Where the goal would be the same, what is left is not for more work to change.
@@ -262,8 +267,7 @@ impl<'s> Studio<'s> {
         let mut picture = self.picture(&pixels, exact, method, None, None)?;
         picture.light.packets = Some(self.packets(None, 0.0));
         picture.draw((self.threads, self.plan.readers), &|_| true, &mut [])?;
-        let film = into_inner(picture.film);
-        Ok(f64::from(film.largest_value()))
+        largest_value(&into_inner(picture.film))
     }
 
     /// The scene, in a picture of at most so many pixels along an edge, no more than a tile has. And

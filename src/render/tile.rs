@@ -4,6 +4,7 @@ mod faces;
 mod lattice;
 mod open;
 mod proxies;
+mod room;
 
 use std::iter::from_fn;
 use std::ops::Range;
@@ -12,6 +13,7 @@ use glam::{DVec2, DVec3};
 
 use self::open::{Clearness, Open};
 use self::proxies::{NEAREST, Proxies, first_apart};
+use self::room::Spent;
 use super::frame::{Footprint, Frame, LocalRay};
 use super::grade::Care;
 use super::interpolant::DrawnNeighbours;
@@ -27,6 +29,7 @@ use super::scaled::ScaledBrick;
 use super::thin::{FEWEST_RAYS, Thinner};
 use super::transfer_pieces::PieceList;
 use super::tree_walk::Step;
+use super::view::Aim;
 use super::waiting::Found;
 use crate::cache::BrickShape;
 use crate::scene::Interpolation;
@@ -47,9 +50,8 @@ pub(super) struct Tile {
     has_area: bool,
     /// The squares, pixel by pixel.
     squares: Vec<Square>,
-    /// Where their centres are on the image plane, and how long their rays are for each unit of
-    /// depth.
-    planes: Vec<(DVec2, f64)>,
+    /// Their rays.
+    aims: Vec<Aim>,
     /// A pixel's width and height on the image plane.
     pixel: DVec2,
     states: Vec<RayState>,
@@ -66,6 +68,7 @@ pub(super) struct Tile {
     beams: Vec<Beam>,
     thinner: Thinner,
     proxies: Proxies,
+    spent: Spent,
     clearness: Clearness,
 }
 
@@ -86,8 +89,10 @@ struct Settings<'s> {
 pub(super) struct Thinning<'t> {
     /// The transfer function by which bricks are surveyed.
     pub(super) pieces: &'t PieceList,
-    /// What a ray may be off by in a brick, in the picture's own unit.
+    /// What a ray may be off by in a brick that is drawn in fewer cells, in the picture's own unit.
     pub(super) limit: f64,
+    /// The same in all bricks through which others are marched in its place.
+    pub(super) room: f64,
     /// Light that is expected from behind.
     pub(super) behind: f64,
 }
@@ -96,7 +101,7 @@ impl Tile {
     /// Most bytes that a tile takes, for bricks of `shape` with `blocks` blocks.
     pub(super) fn bytes(shape: BrickShape, blocks: usize, interpolation: Interpolation) -> u64 {
         let of_ray = size_of::<Square>()
-            + size_of::<(DVec2, f64)>()
+            + size_of::<Aim>()
             + size_of::<RayState>()
             + size_of::<RayError>()
             + 4;
@@ -104,7 +109,8 @@ impl Tile {
         // Constant cells are neither thinned nor seen by proxies.
         let of_linear = match interpolation {
             Interpolation::Linear => {
-                (Proxies::bytes() + Clearness::BYTES) as u64 + Thinner::bytes(shape, blocks)
+                (Proxies::bytes() + Spent::BYTES + Clearness::BYTES) as u64
+                    + Thinner::bytes(shape, blocks)
             }
             Interpolation::Cell => 0,
         };
@@ -118,7 +124,7 @@ impl Tile {
             rect: PixelRect::NONE,
             has_area: false,
             squares: Vec::with_capacity(BATCH_RAYS),
-            planes: Vec::with_capacity(BATCH_RAYS),
+            aims: Vec::with_capacity(BATCH_RAYS),
             pixel: DVec2::ZERO,
             states: Vec::with_capacity(BATCH_RAYS),
             errors: Vec::with_capacity(BATCH_RAYS),
@@ -130,6 +136,7 @@ impl Tile {
             beams: Vec::with_capacity(MOST_BOARDING),
             thinner: Thinner::new(thinned),
             proxies: Proxies::default(),
+            spent: Spent::new(),
             clearness: Clearness::new(),
         }
     }
@@ -145,12 +152,9 @@ impl Tile {
         (self.rect, self.has_area) = (rect, has_area);
         self.squares.clear();
         self.squares.extend_from_slice(squares);
-        self.planes.clear();
+        self.aims.clear();
         self.pixel = grid.pixel_size();
-        self.planes.extend(squares.iter().map(|square| {
-            let plane = grid.plane(square);
-            (plane, grid.length(plane))
-        }));
+        self.aims.extend(squares.iter().map(|square| grid.aim(grid.plane(square))));
         self.states.clear();
         self.states.resize(squares.len(), RayState::default());
         self.errors.clear();
@@ -172,6 +176,7 @@ impl Tile {
         let end = u16::try_from(squares.len()).unwrap_or(u16::MAX);
         self.starts.resize(rect.count() + 1, end);
         self.clearness.forget();
+        self.spent.forget();
         self.proxies.forget();
     }
 
@@ -180,12 +185,20 @@ impl Tile {
         if self.has_area { self.pixel * self.squares[index].half() } else { DVec2::ZERO }
     }
 
+    /// The same pixels as seen from the tile's first, which none is before.
+    fn within(&self, rect: &PixelRect) -> PixelRect {
+        if rect.is_empty() {
+            return PixelRect::NONE;
+        }
+        let from_first = |x: [u32; 2]| std::array::from_fn(|a| x[a] - self.rect.lo[a]);
+        PixelRect { lo: from_first(rect.lo), hi: from_first(rect.hi) }
+    }
+
     /// The numbers, strip by strip, of the pixels in all blocks that have some in `rect`, which lies
     /// within the tile.
     fn strips(&self, rect: &PixelRect) -> impl Iterator<Item = Range<usize>> + use<> {
-        let within = |a: usize| rect.lo[a] - self.rect.lo[a]..rect.hi[a] - self.rect.lo[a];
-        let [columns, rows] = if rect.is_empty() { [0..0, 0..0] } else { [within(0), within(1)] };
-        PixelOrder::of(&self.rect).strips(columns, rows)
+        let within = self.within(rect);
+        PixelOrder::of(&self.rect).strips(within.columns(), within.rows())
     }
 
     /// The squares of pixels with such numbers.
@@ -224,10 +237,9 @@ impl Tile {
     /// The largest transmittance of rays in `rect` that meet what has this footprint and need more,
     /// or 1 where there are many; 0 where there is none. `rect` lies within the tile.
     pub(super) fn needs(&self, rect: &PixelRect, footprint: &Footprint) -> f64 {
-        let meeting = self.open(*rect).filter(|index| {
-            let (plane, _) = self.planes[*index];
-            meets(footprint, plane, self.half(*index))
-        });
+        let meeting = self
+            .open(*rect)
+            .filter(|index| meets(footprint, self.aims[*index].plane, self.half(*index)));
         let mut largest = 0.0_f64;
         for (seen, index) in meeting.enumerate() {
             if seen == FEW_RAYS {
@@ -284,7 +296,8 @@ impl Tile {
         let diagonal = frame.cell_width.length();
         let has_squares = accounts && self.has_area;
         let lending = lending.and_then(|(thinning, open)| {
-            let apart = first_apart(part, pixels, grid, (thinning, open));
+            let allowed = self.spent.left_for_some(&self.within(pixels), thinning.room);
+            let apart = first_apart(part, pixels, grid, (thinning.behind, allowed), open);
             (apart >= NEAREST).then_some((apart, thinning, open))
         });
         let in_packets = !self.are_few(pixels, passage.brick)
@@ -308,11 +321,11 @@ impl Tile {
             let mut at = range.start;
             while let Some(index) = self.next_alive(at..range.end) {
                 at = index + 1;
-                let ((plane, length), half) = (self.planes[index], self.half(index));
-                if !meets(footprint, plane, half) {
+                let (aim, half) = (&self.aims[index], self.half(index));
+                if !meets(footprint, aim.plane, half) {
                     continue;
                 }
-                let ray = frame.ray_of(plane, length);
+                let ray = frame.ray_of(aim);
                 if has_squares {
                     let share = covered / grid.weight(&self.squares[index]);
                     self.beams.push(beam(frame, &ray, half, share));
@@ -367,7 +380,8 @@ impl Tile {
         rays.map(|((square, state), error)| {
             let [r, g, b] = state.radiance;
             let ending = &light.ending;
-            let rest = if state.is_done(ending) { ending.brightest } else { 0.0 };
+            // What lies behind may be opaque even where nothing shines.
+            let rest = if state.is_done(ending) { ending.brightest.max(1.0) } else { 0.0 };
             let shares = error.shares(state.radiance, state.opacity(), ending.brightest, rest);
             let value = [r, g, b, state.opacity()];
             Found { square: *square, value, shares, uneven: None }
@@ -380,7 +394,7 @@ fn thin<'t>(
     thinner: &'t mut Thinner,
     step: &Step,
     passage: &Passage<'t>,
-    Thinning { pieces, limit, behind }: Thinning<'_>,
+    Thinning { pieces, limit, behind, .. }: Thinning<'_>,
     Open { count, transmittance }: Open,
 ) -> Option<Part<'t>> {
     if passage.hides || count < FEWEST_RAYS {

@@ -32,7 +32,7 @@ fn rays_are_needed_until_they_are_done() {
     assert_eq!(tile.needs(&rect([64, 127], [66, 69]), &ALL), 1.0);
     // What lies between the rays of four pixels.
     tile.start(&grid, whole, (&squares, false));
-    let [first, last] = [0, 5].map(|index| tile.planes[index].0);
+    let [first, last] = [0, 5].map(|index| tile.aims[index].plane);
     let middle = first.midpoint(last);
     let between = |by: f64| {
         let reach = (last - first).abs() * by;

@@ -1,6 +1,6 @@
 //! The camera: exact positions, and which ray belongs to which place of the picture.
 
-use glam::{DVec2, DVec3};
+use glam::{BVec3, DVec2, DVec3};
 
 use super::axis::axis_point;
 use super::frame::Frame;
@@ -10,6 +10,8 @@ use crate::{Error, Result};
 
 /// An `up` closer to the view direction than this (sine of the angle) has no direction left.
 const SMALLEST_SINE: f64 = 1e-12;
+/// What rounding leaves of sums that cancel, relative to their terms.
+const NOTHING: f64 = 8.0 * f64::EPSILON;
 
 /// The camera's directions: orthonormal to rounding.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,12 +22,44 @@ pub(super) struct Basis {
 }
 
 impl Basis {
-    /// How long the way along the ray through (P, Q) = `plane` is for each unit of depth.
+    /// The ray through (P, Q) = `plane`.
     #[inline]
-    pub(super) fn length(&self, plane: DVec2, is_perspective: bool) -> f64 {
-        let Self { forward, right, up } = *self;
-        if is_perspective { (forward + (right * plane.x + up * plane.y)).length() } else { 1.0 }
+    pub(super) fn aim(&self, plane: DVec2, is_perspective: bool) -> Aim {
+        let along = self.forward + self.aside(plane);
+        let length = if is_perspective { along.length() } else { 1.0 };
+        Aim { plane, length, stays: self.stays(plane, is_perspective).any() }
     }
+
+    /// From the view axis to (P, Q) = `plane`, at a depth of 1.
+    #[inline]
+    pub(super) fn aside(&self, plane: DVec2) -> DVec3 {
+        self.right * plane.x + self.up * plane.y
+    }
+
+    /// Along which axes the ray through (P, Q) = `plane` does not move, but for rounding.
+    pub(super) fn stays(&self, plane: DVec2, is_perspective: bool) -> BVec3 {
+        if !is_perspective {
+            return self.forward.cmpeq(DVec3::ZERO);
+        }
+        let along = self.forward + self.aside(plane);
+        along.abs().cmple(self.forward.abs() * NOTHING + nothing_of(plane))
+    }
+}
+
+/// What rounding leaves of a sum of parts of `right` and `up` that is nothing.
+pub(super) fn nothing_of(plane: DVec2) -> f64 {
+    NOTHING * (plane.x.abs() + plane.y.abs())
+}
+
+/// A ray, as far as it is the same in all frames.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Aim {
+    /// (P, Q).
+    pub(super) plane: DVec2,
+    /// How long the way along it is for each unit of depth.
+    pub(super) length: f64,
+    /// Whether there is an axis that it does not move along.
+    pub(super) stays: bool,
 }
 
 /// A camera in a domain, with the picture's size. Places of the image plane are (P, Q): the ray
@@ -104,9 +138,9 @@ impl View {
         self.height
     }
 
-    /// As [`Basis::length`] has it.
-    pub(super) fn length(&self, plane: DVec2) -> f64 {
-        self.basis.length(plane, self.is_perspective)
+    /// As [`Basis::aim`] has it.
+    pub(super) fn aim(&self, plane: DVec2) -> Aim {
+        self.basis.aim(plane, self.is_perspective)
     }
 
     /// (P, Q) of a place in pixels from the picture's left and upper edge: i + ½ and j + ½ for
@@ -141,11 +175,17 @@ impl View {
         let t = if t.is_finite() && !(self.is_perspective && t < 0.0) { t } else { 0.0 };
         let anchor = axis_point(&self.position, &self.look_at, t);
         let cell_width = self.domain.cell_width(octree);
-        let anchor_units: [i128; 3] =
-            std::array::from_fn(|a| anchor.0[a].saturating_sub(corner.0[a]));
+        let from_corner = |place: &Position| -> [i128; 3] {
+            std::array::from_fn(|a| place.0[a].saturating_sub(corner.0[a]))
+        };
+        let anchor_units = from_corner(&anchor);
         Frame {
             anchor: DVec3::from_array(anchor_units.map(|units| units as f64 * cells_per_unit)),
-            anchor_units,
+            start_units: if self.is_perspective {
+                from_corner(&self.position)
+            } else {
+                anchor_units
+            },
             cells_per_unit,
             depth: t * self.distance,
             cell_width,

@@ -19,8 +19,6 @@ use super::faces::at_faces;
 use super::lattice::Lattice;
 use super::*;
 
-/// What proxies may make of a ray's light in a brick, as a part of what fewer cells may.
-const SHARE: f64 = 0.25;
 /// Rays from which on proxies are tried.
 const FEWEST: usize = 256;
 /// So many times as far apart proxies are at first as the steepest slopes in the brick allow: along
@@ -117,13 +115,14 @@ fn floor_to_power(x: f64) -> u32 {
     if x >= 1.0 { 1 << (x.min(FARTHEST) as u32).ilog2() } else { 0 }
 }
 
-/// How many pixels apart proxies for rays in `pixels` are at first; less than [`NEAREST`] where there
-/// are none.
+/// How many pixels apart proxies for rays in `pixels` are at first, of which some may be off by
+/// `allowed` in the brick, with so much light `behind`; less than [`NEAREST`] where there are none.
 pub(super) fn first_apart(
     Part { passage, frame, footprint }: &Part<'_>,
     pixels: &PixelRect,
     grid: &PixelGrid,
-    (Thinning { limit, behind, .. }, open): (Thinning<'_>, Open),
+    (behind, allowed): (f64, f64),
+    open: Open,
 ) -> u32 {
     if passage.brick.relief.is_empty() || open.count < FEWEST {
         return 0;
@@ -144,7 +143,7 @@ pub(super) fn first_apart(
     let change = whole.span.slope.times(over(whole.slope));
     let first = change.times(crossing).plus(whole.span.most.times(2.0 * rim));
     let second = whole.span.slope.times(uneven * widest * crossing).plus(change.times(2.0 * rim));
-    let allowed = SHARE * limit / open.transmittance;
+    let allowed = allowed / open.transmittance;
     let apart = (allowed / first.light(behind)).max((allowed / second.light(behind)).sqrt());
     floor_to_power((OPTIMISM * apart).min(WIDEST / widest))
 }
@@ -244,7 +243,7 @@ impl Tile {
         lattice: Lattice,
         pixels: &PixelRect,
         light: &Light<'_>,
-        (Thinning { limit, behind, .. }, transmittance): (Thinning<'_>, f64),
+        (Thinning { room, behind, .. }, transmittance): (Thinning<'_>, f64),
     ) -> usize {
         let mut served = 0;
         let is_whole = lattice.apart == TILE_SIDE && *pixels == self.rect;
@@ -260,8 +259,10 @@ impl Tile {
             // Rays that take from some which have ended early, and do not end themselves, would not know
             // what they miss.
             let done = corners.iter().filter(|corner| self.proxies.spots[**corner].is_done).count();
-            let is_close = off <= SHARE * limit;
+            let within = self.within(&lattice.pixels(block));
+            let is_close = off <= self.spent.left_for_all(&within, room);
             if is_whole && is_close && done == 0 {
+                self.spent.add(&within, off);
                 self.keep(corners, light);
                 return self.states.len();
             }
@@ -269,6 +270,7 @@ impl Tile {
                 self.settle(light);
             }
             if is_close && (done == 0 || done == corners.len()) {
+                self.spent.add(&within, off);
                 let rect = lattice.pixels(block);
                 served += self.lend_block((rect, pixels), (corners, &account), light);
             }

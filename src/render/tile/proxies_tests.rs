@@ -31,7 +31,7 @@ fn frame(
     let depth = if is_perspective { pixel * width / grid.pixel_size().x } else { 1.0 };
     Frame {
         anchor: DVec3::from_array(at),
-        anchor_units: [0; 3],
+        start_units: [0; 3],
         cells_per_unit: 1.0,
         depth,
         cell_width: if is_perspective {
@@ -80,8 +80,8 @@ proptest! {
         let mut tile = Tile::new(0);
         tile.start(&grid, WHOLE, (&squares, false));
         // The frame's projection is not always the picture's own.
-        for (plane, length) in &mut tile.planes {
-            *length = frame.ray(*plane).length;
+        for aim in &mut tile.aims {
+            aim.length = frame.ray(aim.plane).length;
         }
         // What rays have met in front of the brick differs from ray to ray.
         for (n, state) in tile.states.iter_mut().enumerate() {
@@ -89,7 +89,7 @@ proptest! {
         }
         let before = tile.states.clone();
         let care = Care::Rough;
-        let thinning = Thinning { pieces: &exact.all, limit, behind: 1.0 };
+        let thinning = Thinning { pieces: &exact.all, limit, room: 2.0 * limit, behind: 1.0 };
         let light = &setting.light;
         for _ in 0..times {
             let lending = Some((thinning, tile.open_rays(&WHOLE)));
@@ -99,7 +99,7 @@ proptest! {
         }
         tile.settle(light);
         prop_assert!(tile.served.iter().all(|bits| *bits == 0));
-        let rays: Vec<_> = tile.planes.iter().map(|(plane, length)| frame.ray_of(*plane, *length)).collect();
+        let rays: Vec<_> = tile.aims.iter().map(|aim| frame.ray_of(aim)).collect();
         let longest = LONGEST * f64::from(times);
         let brightest = exact.brightest().min(longest * exact.largest_emission());
         let truths = setting.alone(&rays);
@@ -138,7 +138,12 @@ fn smooth_bricks_take_few_rays() {
     let draw = |limit: Option<f64>| {
         let mut tile = Tile::new(0);
         tile.start(&grid, WHOLE, (&squares, false));
-        let thinning = limit.map(|limit| Thinning { pieces: &exact.all, limit, behind: 1.0 });
+        let thinning = limit.map(|limit| Thinning {
+            pieces: &exact.all,
+            limit,
+            room: 2.0 * limit,
+            behind: 1.0,
+        });
         let lending = thinning.map(|thinning| (thinning, tile.open_rays(&WHOLE)));
         let (light, care) = (&setting.light, Care::Rough);
         let settings = Settings { light, grid: &grid, accounts: true, care, lending };
@@ -165,7 +170,7 @@ fn what_corners_gather_in_bricks_in_a_row_adds_up() {
     let mut tile = Tile::new(0);
     let mut draw = |times: i32| {
         tile.start(&grid, WHOLE, (&squares, false));
-        let thinning = Thinning { pieces: &exact.all, limit: 1.0, behind: 1.0 };
+        let thinning = Thinning { pieces: &exact.all, limit: 1.0, room: 2.0, behind: 1.0 };
         for _ in 0..times {
             let lending = Some((thinning, tile.open_rays(&WHOLE)));
             let (light, care) = (&setting.light, Care::Rough);
@@ -177,7 +182,7 @@ fn what_corners_gather_in_bricks_in_a_row_adds_up() {
         tile.settle(&setting.light);
         let (state, error) = (tile.states[77], &tile.errors[77]);
         let bound = error.shares(state.radiance, state.opacity(), 1.0, 0.0).total();
-        (state, bound, tile.planes[77].0)
+        (state, bound, tile.aims[77].plane)
     };
     let ((one, bound_of_one, plane), (three, bound, _)) = (draw(1), draw(3));
     let truth = setting.alone(&[part.frame.ray(plane)])[0];
