@@ -112,6 +112,9 @@ trait Backend: Send + Sync {
     where
         Self: Sized;
 
+    /// How many bytes of decoded values it may keep at most.
+    fn cached_bytes(&self) -> usize;
+
     /// Names in a group.
     fn members(&self, group: &str) -> Result<Members, String>;
 
@@ -168,6 +171,11 @@ impl File {
             Error::invalid(path.display(), format!("cannot be read as HDF5: {reason}"))
         })?;
         Ok(Self { path: path.to_path_buf(), backend: Box::new(backend) })
+    }
+
+    /// As [`Backend::cached_bytes`] has it.
+    fn cached_bytes(&self) -> usize {
+        self.backend.cached_bytes()
     }
 
     /// Refuses a file too short to hold `count` blocks of `cells` numbers, however well compressed:

@@ -11,6 +11,8 @@ use hdf5::{Container, Group, H5Type, Hyperslab, LocationType, SliceOrIndex};
 
 use super::{Backend, Dataset, Element, Members, Values};
 
+/// What the library keeps of a dataset's decoded chunks.
+const DATASET_CACHE_BYTES: usize = 1 << 20;
 /// Longest string of fixed length that is read.
 const LONGEST_STRING: usize = 4096;
 
@@ -51,6 +53,10 @@ impl Backend for Native {
         // Reasons come back as errors; the library would print them as well.
         hdf5::silence_errors(true);
         Ok(Self { file: hdf5::File::open(path).map_err(|e| reason(&e))? })
+    }
+
+    fn cached_bytes(&self) -> usize {
+        DATASET_CACHE_BYTES
     }
 
     fn members(&self, group: &str) -> Result<Members, String> {

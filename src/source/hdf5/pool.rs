@@ -8,6 +8,8 @@ use crate::Result;
 
 /// Most files kept open: a run can have thousands.
 const MOST_OPEN: usize = 16;
+/// Bytes that open files keep of decoded values, at most; those of one file, if it keeps more.
+const MOST_CACHED: usize = 64 << 20;
 /// Files are opened afresh after this many uses, because the library remembers every object it
 /// has met (about 2 kB each) for as long as the file is open.
 const MOST_USES: u32 = 1024;
@@ -25,6 +27,16 @@ struct State {
     uses: u32,
 }
 
+impl State {
+    /// Closes the longest unused files if all keep too much.
+    fn close_some(&mut self) {
+        let mut kept: usize = self.files.iter().map(|(_, file)| file.cached_bytes()).sum();
+        while kept > MOST_CACHED && self.files.len() > 1 {
+            kept -= self.files.remove(0).1.cached_bytes();
+        }
+    }
+}
+
 impl Pool {
     /// The file at `path`, opened if it is not open.
     ///
@@ -37,6 +49,7 @@ impl Pool {
             state.files.clear();
             state.uses = 0;
         }
+        state.close_some();
         if let Some(at) = state.files.iter().position(|(open, _)| open == path) {
             let entry = state.files.remove(at);
             let file = Arc::clone(&entry.1);
@@ -76,6 +89,33 @@ mod tests {
         }
         assert_eq!(pool.state.lock().unwrap().files.len(), MOST_OPEN);
         assert!(pool.get(&folder.path().join("absent.h5")).is_err());
+    }
+
+    #[cfg(not(feature = "libhdf5"))]
+    #[test]
+    fn files_that_keep_much_are_closed() {
+        let folder = tempfile::tempdir().unwrap();
+        let pool = Pool::default();
+        for name in ["a.h5", "b.h5", "c.h5"] {
+            let path = folder.path().join(name);
+            let mut builder = hdf5_pure::FileBuilder::new();
+            let values = builder.create_dataset("values").with_f64_data(&vec![1.0; 1 << 19]);
+            values.with_shape(&[1 << 10, 1 << 9]).with_chunks(&[1 << 10, 1 << 9]).with_shuffle();
+            builder.write(&path).unwrap();
+            let file = pool.get(&path).unwrap();
+            file.read_f64("/values", &[0, 0], &[1 << 10, 1 << 9], &mut vec![0.0; 1 << 19]).unwrap();
+        }
+        let names = || -> Vec<_> {
+            let state = pool.state.lock().unwrap();
+            state.files.iter().map(|(path, _)| path.file_name().unwrap().to_owned()).collect()
+        };
+        assert_eq!(
+            names(),
+            ["b.h5", "c.h5"],
+            "one that keeps much, and the one that was asked for"
+        );
+        pool.get(&folder.path().join("b.h5")).unwrap();
+        assert_eq!(names(), ["c.h5", "b.h5"]);
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! HDF5 by the pure-Rust reader, with positional reads: nothing of the file is mapped.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use hdf5_reader::{
     Attribute, CompoundField, Datatype, H5Type, Hdf5File, OpenOptions, SliceInfo, SliceInfoElem,
@@ -11,8 +12,12 @@ use hdf5_reader::{
 use super::pure_number::{Half, Number, element, with_number};
 use super::{Backend, Dataset, Element, LIST_VALUES, Members, READ_VALUES, Values};
 
-/// Bytes of decoded chunks kept for each open file.
+/// Decoded chunks kept for each open file: how many, and bytes of all.
+const CACHED_CHUNKS: usize = 512;
 const CHUNK_CACHE_BYTES: usize = 4 << 20;
+/// How many where a block lies in more than half as many, or as large ones. (The library takes memory for
+/// so many at once.)
+const MORE_CHUNKS: usize = 16 * CACHED_CHUNKS;
 /// Largest decoded chunk accepted.
 const CHUNK_BYTES: usize = 64 << 20;
 /// Largest object header accepted; real ones have a few kB.
@@ -20,19 +25,66 @@ const HEADER_BYTES: usize = 1 << 20;
 
 /// A file open in the pure-Rust reader.
 pub(super) struct Pure {
+    path: PathBuf,
     file: Hdf5File,
+    /// The same with room for more chunks, once it is needed: whole datasets may be one.
+    roomy: OnceLock<Hdf5File>,
+}
+
+impl Pure {
+    fn opened(path: &Path, (chunks, bytes): (usize, usize)) -> Result<Hdf5File, String> {
+        let options = OpenOptions::default()
+            .with_chunk_cache_slots(chunks)
+            .with_chunk_cache_bytes(bytes)
+            .with_max_chunk_bytes(CHUNK_BYTES)
+            .with_max_read_bytes(READ_VALUES.max(LIST_VALUES) * size_of::<f64>())
+            .with_max_object_header_bytes(HEADER_BYTES);
+        Hdf5File::open_with_options(path, options).map_err(|e| reason(&e))
+    }
+
+    /// A dataset of which a block is read, in a file that keeps the decoded chunks in which it lies: others
+    /// beside it lie in them as well.
+    fn dataset_of_block(
+        &self,
+        path: &str,
+        start: &[u64],
+        count: &[u64],
+    ) -> Result<hdf5_reader::Dataset, String> {
+        let dataset = self.file.dataset(path).map_err(|e| reason(&e))?;
+        let Some(chunk) = dataset.chunks() else { return Ok(dataset) };
+        let mut bytes = dataset.raw_element_size().map_err(|e| reason(&e))?;
+        let mut chunks = 1_u64;
+        for ((&edge, &start), &count) in chunk.iter().zip(start).zip(count) {
+            bytes = bytes.saturating_mul(edge as usize);
+            let edge = u64::from(edge.max(1));
+            chunks = chunks.saturating_mul((start + count).div_ceil(edge) - start / edge);
+        }
+        let chunks = usize::try_from(chunks).unwrap_or(usize::MAX);
+        let is_roomy =
+            chunks <= CACHED_CHUNKS / 2 && chunks.saturating_mul(bytes) <= CHUNK_CACHE_BYTES / 2;
+        if is_roomy {
+            return Ok(dataset);
+        }
+        let roomy = match self.roomy.get() {
+            Some(file) => file,
+            None => {
+                let file = Self::opened(&self.path, (MORE_CHUNKS, CHUNK_BYTES))?;
+                self.roomy.get_or_init(|| file)
+            }
+        };
+        roomy.dataset(path).map_err(|e| reason(&e))
+    }
 }
 
 impl Backend for Pure {
     fn open(path: &Path) -> Result<Self, String> {
-        let options = OpenOptions::default()
-            .with_chunk_cache_bytes(CHUNK_CACHE_BYTES)
-            .with_max_chunk_bytes(CHUNK_BYTES)
-            .with_max_read_bytes(READ_VALUES.max(LIST_VALUES) * size_of::<f64>())
-            .with_max_object_header_bytes(HEADER_BYTES);
-        let file = Hdf5File::open_with_options(path, options).map_err(|e| reason(&e))?;
+        let file = Self::opened(path, (CACHED_CHUNKS, CHUNK_CACHE_BYTES))?;
         check_end(path, &file)?;
-        Ok(Self { file })
+        Ok(Self { path: path.to_path_buf(), file, roomy: OnceLock::new() })
+    }
+
+    fn cached_bytes(&self) -> usize {
+        if self.roomy.get().is_some() { CHUNK_CACHE_BYTES + CHUNK_BYTES } else { CHUNK_CACHE_BYTES }
     }
 
     fn members(&self, group: &str) -> Result<Members, String> {
@@ -91,7 +143,7 @@ impl Backend for Pure {
         count: &[u64],
         out: &mut [f64],
     ) -> Result<(), String> {
-        let block = Block::new(&self.file, path, start, count)?;
+        let block = Block::new(self, path, start, count)?;
         with_number!(block.dataset.dtype(), T => block.fill(out, T::to_f64), else {
             Err("its elements are not numbers of a supported kind".into())
         })
@@ -104,7 +156,7 @@ impl Backend for Pure {
         count: &[u64],
         out: &mut [i64],
     ) -> Result<(), String> {
-        let block = Block::new(&self.file, path, start, count)?;
+        let block = Block::new(self, path, start, count)?;
         if element(block.dataset.dtype()) != Element::Integer {
             return Err("its elements are not integers".into());
         }
@@ -131,13 +183,13 @@ struct Block {
 }
 
 impl Block {
-    fn new(file: &Hdf5File, path: &str, start: &[u64], count: &[u64]) -> Result<Self, String> {
+    fn new(file: &Pure, path: &str, start: &[u64], count: &[u64]) -> Result<Self, String> {
         let selections = start
             .iter()
             .zip(count)
             .map(|(&start, &count)| SliceInfoElem::Slice { start, end: start + count, step: 1 })
             .collect();
-        let dataset = file.dataset(path).map_err(|e| reason(&e))?;
+        let dataset = file.dataset_of_block(path, start, count)?;
         Ok(Self { dataset, selection: SliceInfo { selections } })
     }
 

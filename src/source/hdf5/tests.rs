@@ -207,6 +207,35 @@ fn large_blocks_are_read_in_parts_that_fit_together() {
     assert!(out.iter().zip(2 << 19..).all(|(&value, expected)| value == expected));
 }
 
+/// Blocks that lie in few large chunks, or in many small ones, are read from chunks that are kept: one that
+/// has been read once is there when the file's values are not.
+#[test]
+fn chunks_of_any_size_are_decoded_once() {
+    for chunk in [[96, 96, 96], [1, 1, 96]] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("chunks.h5");
+        let mut builder = FileBuilder::new();
+        let values: Vec<f64> = (0..96_u32.pow(3)).map(f64::from).collect();
+        let dataset = builder.create_dataset("values").with_f64_data(&values);
+        dataset.with_shape(&[96, 96, 96]).with_chunks(&chunk).with_shuffle();
+        builder.write(&path).unwrap();
+        let file = File::open_with::<pure::Pure>(&path).unwrap();
+        let kept = file.cached_bytes();
+        let read = |start: [u64; 3]| {
+            let mut block = vec![0.0; 32 * 32 * 4];
+            file.read_f64("/values", &start, &[32, 32, 4], &mut block).unwrap();
+            block
+        };
+        let first = read([0; 3]);
+        assert_eq!(first[..5], [0.0, 1.0, 2.0, 3.0, 96.0]);
+        assert!(file.cached_bytes() > kept, "{chunk:?}");
+        // Nothing is left of the file.
+        std::fs::write(&path, vec![0; std::fs::metadata(&path).unwrap().len() as usize]).unwrap();
+        assert_eq!(read([0; 3]), first);
+        assert_eq!(read([0, 0, 4])[..2], [4.0, 5.0]);
+    }
+}
+
 #[test]
 fn what_is_not_hdf5_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
