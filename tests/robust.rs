@@ -149,6 +149,12 @@ fn magnitudes_that_floats_do_not_hold_together_are_told() {
     let line = ingested(1.5, 1e100).failed();
     assert!(line.contains("`Density`: magnitudes from 1.5e0 to"), "{line}");
     assert!(!folder.path().join("cache.dfc").exists());
+    // As the message says.
+    let set = folder.path().join("1.5e0");
+    let limited = ["--derive", "limited = min({Density}, 1e30)", "--field", "limited"];
+    let limited = limited.each_ref().map(|word| word as &dyn AsRef<std::ffi::OsStr>);
+    let cache = folder.path().join("limited.dfc");
+    run(&[&[&"ingest" as &dyn AsRef<_>, &set, &"-o", &cache][..], &limited].concat()).done();
     let ended = ingested(1e-60, 1.0);
     assert!(ended.stderr.contains("Density: values below 1.2e-38 are held with fewer digits"));
     ended.done();

@@ -116,7 +116,7 @@ impl Assembler<'_> {
                 if values.iter().fold(false, |any, value| any | is_too_large(value))
                     && let Some(i) = values.iter().position(is_too_large)
                 {
-                    return Err(self.too_large(number, first, i, values[i])?);
+                    return Err(self.too_large((number, field), first, i, values[i])?);
                 }
                 states.iter_mut().for_each(|bits| *bits |= state::EXISTS);
                 draft.values[start..start + values.len()].copy_from_slice(values);
@@ -196,15 +196,25 @@ impl Assembler<'_> {
         ))
     }
 
-    fn too_large(&self, number: u64, first: [i128; 3], at: usize, value: f64) -> Result<Error> {
+    fn too_large(
+        &self,
+        (number, field): (u64, usize),
+        first: [i128; 3],
+        at: usize,
+        value: f64,
+    ) -> Result<Error> {
         let grid = self.cells.grid(number)?;
         let mut cell = first;
         cell[0] += at as i128;
         let (id, level) = (grid.id, grid.level);
         let what = if value.is_finite() { "beyond ±1e300" } else { "infinite" };
+        let name = self.cells.field_name(field).escape_debug().to_string();
         Ok(Error::invalid(
             &self.place,
-            format!("grid {id}: the value in cell {cell:?} of level {level} is {what}"),
+            format!(
+                "field `{name}`, grid {id}: the value in cell {cell:?} of level {level} is {what}: limit \
+                 such values, as in --derive 'limited = max(-1e30, min({{{name}}}, 1e30))'"
+            ),
         ))
     }
 

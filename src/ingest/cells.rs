@@ -39,6 +39,11 @@ pub(super) struct SourceCells<'s> {
 }
 
 impl<'s> SourceCells<'s> {
+    /// The name of a field, by its number among those that are read.
+    pub(super) fn field_name(&self, field: usize) -> &str {
+        &self.source.hierarchy().fields[self.fields[field]].name
+    }
+
     /// Reads `fields` (indices into the source's) of `grids`, keeping `memory` bytes of them.
     pub(super) fn new(
         source: &'s dyn Source,

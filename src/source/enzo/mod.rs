@@ -39,9 +39,14 @@ pub(super) const FORMAT: Format = Format {
 /// of so many grids are too shallow for the text's digits to fail; where they do, it is refused.
 const MOST_GRIDS_IN_TABLES: u64 = 100_000;
 
-/// Whether `path` names an Enzo dump, by what its parameter file holds.
+/// Whether `path` names an Enzo dump, by what its parameter file holds; or a folder of several, of which
+/// one is to be named.
 fn recognises(path: &Path) -> bool {
-    let Ok(Some(dump)) = Dump::locate(path) else { return false };
+    let dump = match Dump::locate(path) {
+        Ok(Some(dump)) => dump,
+        Ok(None) => return false,
+        Err(_) => return path.is_dir(),
+    };
     (dump.text().is_file() || dump.tables().is_file())
         && parameters::read_text(&dump.parameters).is_ok_and(|text| parameters::looks_right(&text))
 }
