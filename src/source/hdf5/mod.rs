@@ -322,6 +322,10 @@ impl File {
     }
 
     fn fault(&self, object: &str, reason: impl Into<String>) -> Error {
+        let reason = reason.into();
+        // The library names the object as well, sometimes.
+        let named = reason.strip_prefix(object).and_then(|rest| rest.strip_prefix(": "));
+        let reason = named.unwrap_or(&reason).to_owned();
         Error::invalid(format!("{}: {object}", self.path.display()), reason)
     }
 }
