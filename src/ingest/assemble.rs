@@ -213,7 +213,8 @@ impl Assembler<'_> {
             &self.place,
             format!(
                 "field `{name}`, grid {id}: the value in cell {cell:?} of level {level} is {what}: limit \
-                 such values, as in --derive 'limited = max(-1e30, min({{{name}}}, 1e30))'"
+                 such values, as in --derive 'limited = max(-1e30, min({{{name}}}, 1e30))' --field \
+                 limited"
             ),
         ))
     }

@@ -213,7 +213,7 @@ fn check_spans(source: &dyn Source, header: &Header, tallies: &[tally::Tally]) -
                 format!(
                     "field `{name}`: magnitudes from {:.1e} to {:.1e} are more than 32-bit floats hold \
                      side by side: if the largest only mark cells, limit them, as in --derive \
-                     'limited = min({{{name}}}, 1e30)'",
+                     'limited = min({{{name}}}, 1e30)' --field limited",
                     tally.smallest_magnitude,
                     field.min.abs().max(field.max.abs()),
                     name = field.name.escape_debug(),
