@@ -131,6 +131,20 @@ fn a_dump_is_found_by_its_bare_name() {
     }
 }
 
+#[test]
+fn a_folder_of_several_dumps_asks_for_one() {
+    let (folder, _) = data("small");
+    synth("jumps", folder.path()).unwrap();
+    let both = folder.path().join("both");
+    std::fs::create_dir(&both).unwrap();
+    for (set, name) in [("small", "a"), ("jumps", "b")] {
+        let dumps = names(&folder.path().join(set));
+        std::fs::rename(folder.path().join(set).join(&dumps[0]), both.join(name)).unwrap();
+    }
+    let line = run(&[&"info", &both]).failed();
+    assert!(line.contains("holds 2 Enzo dumps"), "{line}");
+}
+
 /// Values that f32 holds are not given up for one that it does not.
 #[test]
 fn magnitudes_that_floats_do_not_hold_together_are_told() {

@@ -259,7 +259,8 @@ impl Tile {
             // Rays that take from some which have ended early, and do not end themselves, would not know
             // what they miss.
             let done = corners.iter().filter(|corner| self.proxies.spots[**corner].is_done).count();
-            let within = self.within(&lattice.pixels(block));
+            let rect = lattice.pixels(block);
+            let within = self.within(&rect);
             let is_close = off <= self.spent.left_for_all(&within, room);
             if is_whole && is_close && done == 0 {
                 self.spent.add(&within, off);
@@ -271,7 +272,6 @@ impl Tile {
             }
             if is_close && (done == 0 || done == corners.len()) {
                 self.spent.add(&within, off);
-                let rect = lattice.pixels(block);
                 served += self.lend_block((rect, pixels), (corners, &account), light);
             }
         }

@@ -45,7 +45,7 @@ fn recognises(path: &Path) -> bool {
     let dump = match Dump::locate(path) {
         Ok(Some(dump)) => dump,
         Ok(None) => return false,
-        Err(_) => return path.is_dir(),
+        Err(error) => return matches!(error, Error::Request(_)),
     };
     (dump.text().is_file() || dump.tables().is_file())
         && parameters::read_text(&dump.parameters).is_ok_and(|text| parameters::looks_right(&text))
