@@ -1,5 +1,7 @@
 //! A brick's content as the cache stores it.
 
+use super::codec::PARTS;
+use super::planes::rounding_errors;
 use crate::{Error, Result};
 
 /// Bits of a cell's state.
@@ -99,6 +101,23 @@ impl RawBrick {
             let bits = *block.states.get(at)?;
             (bits & state::EXISTS != 0).then(|| (up, block.values[at], bits))
         })
+    }
+
+    /// The largest relative differences of a value in fewer digits, rounded up.
+    pub(super) fn rounding_errors(&self) -> [f32; PARTS - 1] {
+        let of_blocks = self.blocks.iter().map(|block| rounding_errors(&block.values));
+        of_blocks.fold([0.0; 2], |[a, b], [c, d]| [a.max(c), b.max(d)])
+    }
+
+    /// Brings values of existing cells between `low` and `high`; NaN stays.
+    pub(crate) fn clamp(&mut self, [low, high]: [f32; 2]) {
+        for block in &mut self.blocks {
+            for (value, bits) in block.values.iter_mut().zip(&block.states) {
+                let clamped = if *value < low { low } else { *value };
+                let clamped = if clamped > high { high } else { clamped };
+                *value = if bits & state::EXISTS != 0 { clamped } else { *value };
+            }
+        }
     }
 
     /// Whether a void cell of the brick, of `shape`, lies in a cell of its parent's that is not: the

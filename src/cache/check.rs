@@ -2,6 +2,7 @@
 
 use super::brick::{Block, BrickPlace, RawBrick, state};
 use super::header::Header;
+use super::planes::NAN_BITS;
 use super::record::{FieldRecord, NodeRecord};
 use crate::space::cells_at;
 
@@ -17,7 +18,7 @@ pub(super) fn check_brick(
         let sound = |value: f32, bits: u8| {
             (bits & state::EXISTS == 0)
                 | ((record.own[0] <= value) & (value <= record.own[1]))
-                | (nan & value.is_nan())
+                | (nan & (value.to_bits() == NAN_BITS))
         };
         // Without an end at the first that is not: several values at a time.
         let cells = block.values.iter().zip(&block.states);

@@ -13,7 +13,7 @@ pub(super) fn checksum_at(place: u64, bytes: &[u8]) -> u64 {
     xxh3_64_with_seed(bytes, place)
 }
 
-/// What a payload's checksum is seeded with: its brick and field.
-pub(super) fn payload_place(node: u64, field: usize) -> u64 {
-    node.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ field as u64
+/// What the checksum of a payload's part is seeded with: its brick and field, and which part.
+pub(super) fn payload_place(node: u64, field: usize, part: usize) -> u64 {
+    node.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ field as u64 ^ (part as u64) << 32
 }

@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::brick::BrickPlace;
 use super::bytes::ByteReader;
 use super::checksum::checksum_at;
+use super::codec::Precision;
 use super::header::Header;
 use super::record::{FieldRecord, NodeRecord};
 use super::window::Window;
@@ -181,8 +182,8 @@ impl<'c> Cursor<'c> {
             .ok_or_else(|| {
                 self.contradiction(node, "its field record is none that ingest writes")
             })?;
-        let end = record.offset.checked_add(u64::from(record.stored_bytes));
-        let stored = record.stored_bytes != 0;
+        let end = record.offset.checked_add(u64::from(record.stored_bytes(Precision::Full)));
+        let stored = record.ends[0] != 0;
         if end.is_none_or(|end| end > self.header.index_offset)
             || record.is_void() == stored
             || record.parent_blocks > self.header.max_parent_blocks

@@ -19,7 +19,7 @@ mod window;
 mod writer;
 
 pub use brick::{Block, BrickPlace, BrickShape, RawBrick, state, visit_outside};
-pub use codec::{Decoder, Encoder};
+pub use codec::{Decoder, Encoder, PARTS, Payload, Precision};
 pub use header::{CachedField, Header, MAX_FIELDS, TreeLevel};
 pub use index::{Cursor, WINDOW_BYTES};
 pub use reader::Cache;

@@ -14,7 +14,7 @@ use super::brick::{BrickPlace, RawBrick};
 use super::bytes::ByteReader;
 use super::check::{check_brick, marks_outside};
 use super::checksum::{checksum, checksum_at, payload_place};
-use super::codec::{Decoder, stored_bytes_limit};
+use super::codec::{Decoder, Precision, can_be_stored};
 use super::header::{Header, MAGIC, MAX_HEADER_BYTES, PREFIX_BYTES, VERSION};
 use super::index::{Cursor, Index};
 use super::record::{FieldRecord, NodeRecord};
@@ -105,49 +105,57 @@ impl Cache {
     }
 
     /// Tells the system that the payload of `record` will be read soon, so that it may begin to.
-    pub fn announce(&self, record: &FieldRecord) {
+    pub fn announce(&self, record: &FieldRecord, precision: Precision) {
         #[cfg(target_os = "linux")]
-        if let Some(length) = NonZeroU64::new(record.stored_bytes.into()) {
+        if let Some(length) = NonZeroU64::new(record.stored_bytes(precision).into()) {
             // A hint: where it is of no use nothing is lost.
             let _ = fadvise(&self.file, record.offset, Some(length), Advice::WillNeed);
         }
     }
 
     /// Reads brick `node`'s payload of field `field` into `brick`, checked against its checksum,
-    /// its records and the tree. Says how long the file took.
+    /// its records and the tree; of values in fewer digits only what tells these. Says how long the file took.
     ///
     /// # Errors
     /// A payload that cannot be read, is damaged, or contradicts its records.
     pub fn read_brick(
         &self,
-        node: u64,
-        node_record: &NodeRecord,
-        field: usize,
-        record: &FieldRecord,
+        (node, node_record): (u64, &NodeRecord),
+        (field, record): (usize, &FieldRecord),
+        precision: Precision,
         decoder: &mut Decoder,
         brick: &mut RawBrick,
     ) -> Result<Duration> {
         let damaged = |reason: &str| self.damaged(node, field, reason);
         let shape = self.header.shape;
         let blocks = usize::from(record.parent_blocks) + 1;
-        let length = record.stored_bytes as usize;
-        if record.is_void() || length > stored_bytes_limit(shape.payload_bytes(blocks)) {
+        if record.is_void() || !can_be_stored(shape.cells_in_blocks(blocks), record) {
             return Err(damaged("its length is none that a payload has"));
         }
         if record.offset < self.header_bytes {
             return Err(damaged("it lies in the header"));
         }
         decoder.stored.clear();
-        decoder.stored.resize(length, 0);
+        decoder.stored.resize(record.stored_bytes(precision) as usize, 0);
         let started = Instant::now();
         self.file
             .read_exact_at(&mut decoder.stored, record.offset)
             .map_err(|source| Error::io(&self.path, format!("cannot read brick {node}"), source))?;
         let reading = started.elapsed();
-        if checksum_at(payload_place(node, field), &decoder.stored) != record.checksum {
+        let is_sound = |part: usize| {
+            let stored = &decoder.stored[record.part(part)];
+            let place = payload_place(node, field, part);
+            stored.is_empty() || checksum_at(place, stored) == record.checksums[part]
+        };
+        if !(0..=precision.last_part()).all(is_sound) {
             return Err(damaged("its checksum differs"));
         }
-        decoder.decode(shape, blocks, brick).map_err(damaged)?;
+        let ends = record.ends.map(|end| end as usize);
+        decoder.decode((shape, blocks), ends, brick).map_err(damaged)?;
+        if record.error(precision) > 0.0 {
+            // Rounding leads beyond the range that all values lie in, though never towards it.
+            brick.clamp(record.own);
+        }
         check_brick(shape.edge(), node_record, record, brick).map_err(damaged)?;
         Ok(reading)
     }

@@ -1,7 +1,10 @@
 //! The index' fixed-size records: one [`NodeRecord`] per brick, and per field one
 //! [`FieldRecord`].
 
+use std::ops::Range;
+
 use super::bytes::{ByteReader, ByteWriter};
+use super::codec::{PARTS, Precision, decompressed};
 
 /// What the index says of a brick and what lies beneath it, whatever the field.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -73,10 +76,12 @@ impl NodeRecord {
 pub struct FieldRecord {
     /// Where the payload lies in the file.
     pub offset: u64,
-    /// Checksum of the payload's stored bytes, and of the brick's and the field's number.
-    pub checksum: u64,
-    /// Stored (compressed) bytes; 0 where there is no payload ([`Self::is_void`]).
-    pub stored_bytes: u32,
+    /// Checksums of the stored bytes of the payload's parts, and of the brick's and the field's
+    /// number; 0 for empty ones.
+    pub checksums: [u64; PARTS],
+    /// Where each part ends, stored (compressed) bytes from the payload's beginning; 0 where there is
+    /// none ([`Self::is_void`]).
+    pub ends: [u32; PARTS],
     /// [min, max] over everything in the payload: encloses what the interpolant takes in the
     /// brick's box when the brick itself is drawn. NaN cells are not in it.
     pub own: [f32; 2],
@@ -88,6 +93,9 @@ pub struct FieldRecord {
     pub residual_linear: f32,
     /// The same for interpolants of log10 of the field's value (floored as the contract says).
     pub residual_log10: f32,
+    /// Largest relative difference of a value from the stored one, where the last two parts are left
+    /// out ([`Precision::Short`]), and where the last is.
+    pub errors: [f32; PARTS - 1],
     /// [`Self::VOID`] | [`Self::NAN_OWN`] | [`Self::NAN_TREE`] | [`Self::FILLS_VOID`].
     pub flags: u8,
     /// Number of ancestors' blocks in the payload.
@@ -96,7 +104,7 @@ pub struct FieldRecord {
 
 impl FieldRecord {
     /// Bytes on disk.
-    pub const BYTES: usize = 48;
+    pub const BYTES: usize = 80;
     /// Nothing in the box, at any level, emits or absorbs: all was dropped, or lies outside.
     pub const VOID: u8 = 1;
     /// The payload holds NaN.
@@ -118,11 +126,45 @@ impl FieldRecord {
 
     /// Whether no payload is named, and nothing that one would hold.
     fn is_of_nothing(&self) -> bool {
-        let place = (self.offset, self.checksum, self.stored_bytes, self.parent_blocks);
+        let place = (self.offset, self.checksums, self.ends, self.parent_blocks);
         !self.fills_void()
-            && place == (0, 0, 0, 0)
+            && place == (0, [0; PARTS], [0; PARTS], 0)
+            && self.errors == [0.0; 2]
             && self.own == EMPTY_RANGE
             && self.tree == EMPTY_RANGE
+    }
+
+    /// Whether there are the parts that errors without them ask for, and no others.
+    fn has_sound_parts(&self) -> bool {
+        let [short, medium] = self.errors;
+        let is_there = |part: usize| self.ends[part - 1] < self.ends[part];
+        let is_sound = |part: usize| {
+            is_there(part) == (self.errors[part - 1] > 0.0)
+                && (is_there(part) || self.checksums[part] == 0)
+        };
+        let errors = 0.0 <= medium && medium <= short && short <= 1.0;
+        errors && self.ends.is_sorted() && is_sound(1) && is_sound(2)
+    }
+
+    /// Where a part lies among the payload's stored bytes.
+    pub(super) fn part(&self, part: usize) -> Range<usize> {
+        let begin = if part == 0 { 0 } else { self.ends[part - 1] };
+        begin as usize..self.ends[part] as usize
+    }
+
+    /// Stored bytes that values of such `precision` take.
+    pub fn stored_bytes(&self, precision: Precision) -> u32 {
+        self.ends[precision.last_part()]
+    }
+
+    /// Bytes of these after decompression, for a payload of `cells` cells.
+    pub fn decompressed(&self, cells: usize, precision: Precision) -> u64 {
+        decompressed(cells, self, precision)
+    }
+
+    /// How far values of such `precision` may be from those stored, relative.
+    pub fn error(&self, precision: Precision) -> f32 {
+        self.errors.get(precision.last_part()).copied().unwrap_or(0.0)
     }
 
     /// Whether what is said of the box at any level takes in what is said of a child's.
@@ -144,13 +186,14 @@ impl FieldRecord {
 
     pub(crate) fn write(&self, bytes: &mut ByteWriter) {
         bytes.u64(self.offset);
-        bytes.u64(self.checksum);
-        bytes.u32(self.stored_bytes);
+        self.checksums.into_iter().for_each(|checksum| bytes.u64(checksum));
+        self.ends.into_iter().for_each(|end| bytes.u32(end));
         for value in [self.own[0], self.own[1], self.tree[0], self.tree[1]] {
             bytes.f32(value);
         }
         bytes.f32(self.residual_linear);
         bytes.f32(self.residual_log10);
+        self.errors.into_iter().for_each(|error| bytes.f32(error));
         bytes.u8(self.flags);
         bytes.u8(self.parent_blocks);
         bytes.u8(0);
@@ -160,12 +203,13 @@ impl FieldRecord {
     pub(crate) fn read(bytes: &mut ByteReader<'_>) -> Option<Self> {
         let record = Self {
             offset: bytes.u64()?,
-            checksum: bytes.u64()?,
-            stored_bytes: bytes.u32()?,
+            checksums: [bytes.u64()?, bytes.u64()?, bytes.u64()?],
+            ends: [bytes.u32()?, bytes.u32()?, bytes.u32()?],
             own: [bytes.f32()?, bytes.f32()?],
             tree: [bytes.f32()?, bytes.f32()?],
             residual_linear: bytes.f32()?,
             residual_log10: bytes.f32()?,
+            errors: [bytes.f32()?, bytes.f32()?],
             flags: bytes.u8()?,
             parent_blocks: bytes.u8()?,
         };
@@ -174,7 +218,8 @@ impl FieldRecord {
         let ordered = record.own[0] <= record.own[1] || record.own == EMPTY_RANGE;
         let residuals = record.residual_linear >= 0.0 && record.residual_log10 >= 0.0;
         let void = !record.is_void() || record.is_of_nothing();
-        (tail && enclosed && ordered && residuals && void).then_some(record)
+        (tail && enclosed && ordered && residuals && void && record.has_sound_parts())
+            .then_some(record)
     }
 }
 

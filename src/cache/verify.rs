@@ -3,7 +3,7 @@
 use std::os::unix::fs::FileExt;
 
 use super::brick::RawBrick;
-use super::codec::Decoder;
+use super::codec::{Decoder, Precision};
 use super::header::TreeLevel;
 use super::index::Cursor;
 use super::reader::Cache;
@@ -145,9 +145,16 @@ impl Check<'_> {
         let record = self.cursor.field(node, field)?;
         if !record.is_void() {
             report.payloads += 1;
-            report.bytes += u64::from(record.stored_bytes);
+            report.bytes += u64::from(record.stored_bytes(Precision::Full));
             let (decoder, brick) = (&mut self.decoder, &mut self.brick);
-            self.cache.read_brick(node, node_record, field, &record, decoder, brick)?;
+            let (records, precision) = ((node, node_record), Precision::Full);
+            self.cache.read_brick(records, (field, &record), precision, decoder, brick)?;
+            let errors = self.brick.rounding_errors();
+            if errors.iter().zip(record.errors).any(|(found, said)| *found > said) {
+                let place = self.cache.path().display();
+                let reason = format!("brick {node}'s rounded values are off by more than it says");
+                return Err(Error::invalid(place, reason));
+            }
             self.cache.check_place(node, field, &self.cursor.place(node)?, &self.brick)?;
             self.check_void(node, node_record, field)?;
         }

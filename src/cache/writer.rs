@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::bytes::ByteWriter;
 use super::checksum::{checksum, checksum_at, payload_place};
+use super::codec::{PARTS, Payload};
 use super::header::Header;
 use super::index::{PAGE_BYTES, record_bytes, records_per_page};
 use super::record::{FieldRecord, NodeRecord};
@@ -46,8 +47,8 @@ impl Writer {
         Ok(writer)
     }
 
-    /// Appends the stored payload of field `field` of brick `node`; its place, checksum and
-    /// length go into `record`.
+    /// Appends the stored payload of field `field` of brick `node`; its place, checksums and
+    /// lengths, and how far values in fewer digits are off, go into `record`.
     ///
     /// # Errors
     /// What the system says, a full disk included.
@@ -55,15 +56,22 @@ impl Writer {
         &mut self,
         node: u64,
         field: usize,
-        stored: &[u8],
+        payload: &Payload,
         record: &mut FieldRecord,
     ) -> Result<()> {
-        self.write(stored)?;
-        record.offset = self.end;
-        record.stored_bytes = u32::try_from(stored.len())
-            .map_err(|_| Error::invalid(self.target.display(), "a payload is longer than 4 GiB"))?;
-        record.checksum = checksum_at(payload_place(node, field), stored);
-        self.end += stored.len() as u64;
+        let Payload { bytes, ends, errors } = payload;
+        self.write(bytes)?;
+        let too_long = || Error::invalid(self.target.display(), "a payload is longer than 4 GiB");
+        for (end, place) in ends.iter().zip(&mut record.ends) {
+            *place = u32::try_from(*end).map_err(|_| too_long())?;
+        }
+        (record.offset, record.errors) = (self.end, *errors);
+        for part in 0..PARTS {
+            let stored = &bytes[record.part(part)];
+            let place = payload_place(node, field, part);
+            record.checksums[part] = if stored.is_empty() { 0 } else { checksum_at(place, stored) };
+        }
+        self.end += bytes.len() as u64;
         Ok(())
     }
 

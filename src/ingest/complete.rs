@@ -14,13 +14,13 @@ use super::range::range;
 use super::residual::{Residual, Scale};
 use super::store::{BrickStore, StoredBricks};
 use crate::atomic_file::AtomicFile;
-use crate::cache::{Encoder, FieldRecord, Header, NodeRecord, RawBrick, Writer};
+use crate::cache::{Encoder, FieldRecord, Header, NodeRecord, Payload, RawBrick, Writer};
 use crate::{Error, Result};
 
 /// A brick ready to be written: its records, and each field's payload (empty: none).
 struct Finished {
     draft: Draft,
-    payloads: Vec<Vec<u8>>,
+    payloads: Vec<Option<Payload>>,
     blocks: usize,
 }
 
@@ -133,7 +133,7 @@ impl Completion<'_> {
             if !void {
                 finished.blocks = finished.blocks.max(scratch.raw.blocks.len());
             }
-            finished.payloads.push(if void { Vec::new() } else { scratch.encode(self.target)? });
+            finished.payloads.push(if void { None } else { Some(scratch.encode(self.target)?) });
         }
         Ok(finished)
     }
@@ -177,7 +177,7 @@ impl Completion<'_> {
     ) -> Result<u8> {
         let node = self.header.levels[hood.place.tree_level].first_node + hood.brick();
         for (field, payload) in finished.payloads.iter().enumerate() {
-            if !payload.is_empty() {
+            if let Some(payload) = payload {
                 let record: &mut FieldRecord = &mut finished.draft.fields[field].record;
                 writer.payload(node, field, payload, record)?;
             }
@@ -213,7 +213,7 @@ struct Scratch {
 }
 
 impl Scratch {
-    fn encode(&mut self, target: &Path) -> Result<Vec<u8>> {
+    fn encode(&mut self, target: &Path) -> Result<Payload> {
         let failed = |source| Error::io(target, "cannot compress a brick", source);
         let encoder = match &mut self.encoder {
             Some(encoder) => encoder,

@@ -6,8 +6,10 @@ use crate::Result;
 
 /// Names a brick, and carries what is needed to load it.
 pub(crate) trait Request: Copy + Send + Sync {
-    /// What tells bricks apart: the node's index.
+    /// What tells requests apart for which different bricks are loaded.
     fn key(&self) -> u64;
+    /// The node's index: by it loads are counted as first or further ones.
+    fn brick(&self) -> u64;
     /// Which group of the counters the brick counts in: its tree level.
     fn level(&self) -> usize;
     /// The last turn that needs the brick, of the turns that [`Pool::turns_are_over`] hears of.

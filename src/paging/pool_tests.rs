@@ -9,6 +9,10 @@ use super::*;
 struct Key(u64);
 
 impl Request for Key {
+    fn brick(&self) -> u64 {
+        self.key()
+    }
+
     fn key(&self) -> u64 {
         self.0
     }

@@ -197,6 +197,7 @@ fn other_causes_are_accounted_for() {
     let mapping = Mapping::new(Scale::Linear, Some([0.0, 1.0]), extrema, 1.0).unwrap();
     let (residual, storage) = (f64::INFINITY, mapping.rounding(1e-7, 0.0));
     let far = Distance {
+        is_rounded: false,
         residual,
         child_mask: 0xff,
         fills_void: false,

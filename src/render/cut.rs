@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::interpolant::DrawnNeighbours;
 use crate::Result;
-use crate::cache::{BrickPlace, BrickShape};
+use crate::cache::{BrickPlace, BrickShape, Precision};
 use crate::scene::{Projection, Scene};
 use crate::space::{Domain, Position};
 
@@ -47,6 +47,7 @@ pub struct FootprintCut {
     domain: Domain,
     shape: BrickShape,
     rule: Rule,
+    precision: Precision,
 }
 
 /// What a brick's largest cell edge must exceed for the brick to be opened.
@@ -66,7 +67,17 @@ impl FootprintCut {
     /// An eye too far from the domain.
     pub fn new(pixels: f64, scene: &Scene, domain: &Domain, shape: BrickShape) -> Result<Self> {
         let rule = Rule::of_pixels(pixels, scene, domain, shape)?;
-        Ok(Self { domain: domain.clone(), shape, rule })
+        Ok(Self { domain: domain.clone(), shape, rule, precision: Precision::Full })
+    }
+
+    /// The same that has values read in short.
+    pub fn in_short(self) -> Self {
+        Self { precision: Precision::Short, ..self }
+    }
+
+    /// How many digits of values are read.
+    pub fn precision(&self) -> Precision {
+        self.precision
     }
 
     /// Whether the brick at `place` is opened: its children are drawn instead of it, as far as
@@ -161,7 +172,8 @@ mod tests {
         let domain = Domain::new([0.0; 3], [1.0, 0.3, 2.0], [48, 40, 36]).unwrap();
         let shape = BrickShape::new(edge).unwrap();
         let slope = slope.min(Rule::steepest_slope(shape));
-        FootprintCut { domain, shape, rule: Rule::Distance { eye: Position(eye), slope } }
+        let rule = Rule::Distance { eye: Position(eye), slope };
+        FootprintCut { domain, shape, rule, precision: Precision::Full }
     }
 
     /// Bricks near the eye, at any level, where the decision is close.
@@ -241,7 +253,8 @@ mod tests {
         let domain = Domain::new([0.0; 3], [1.0; 3], [16; 3]).unwrap();
         let shape = BrickShape::new(16).unwrap();
         let root = BrickPlace::root(0);
-        let at = |rule| FootprintCut { domain: domain.clone(), shape, rule };
+        let precision = Precision::Full;
+        let at = |rule| FootprintCut { domain: domain.clone(), shape, rule, precision };
         assert!(at(Rule::Size(0.0)).opens(&root));
         assert!(at(Rule::Size(0.99 / 16.0)).opens(&root));
         assert!(!at(Rule::Size(1.0 / 16.0)).opens(&root));

@@ -173,7 +173,8 @@ impl<'a> Ledger<'a> {
         let group = self.group();
         let before = self.error.own_extinction();
         self.error.quadrature += tally.quadrature;
-        self.error.storage = self.error.storage.plus(tally.stored);
+        let of_stored = self.error.of_stored(self.relief.is_rounded);
+        *of_stored = of_stored.plus(tally.stored);
         if self.hides {
             let mut levels = Sums::of(group.levels, tally.length, tally.lit);
             if self.relief.levels_reach > 0.0 {
@@ -186,7 +187,7 @@ impl<'a> Ledger<'a> {
             self.add_spread(&tally, group.border());
         } else {
             // Steps within reach of what is beneath, or of what is not stored exactly.
-            let cause = if self.hides { &mut self.error.levels } else { &mut self.error.storage };
+            let cause = self.error.of_stored(self.hides || self.relief.is_rounded);
             *cause = cause.plus(tally.jumps);
         }
         self.error.place_behind(gathered, before);

@@ -4,7 +4,9 @@ use super::scaled::ScaledBrick;
 use super::shading::Shading;
 use super::steepness::Surveyor;
 use super::transfer_pieces::PieceList;
-use crate::cache::{BrickPlace, Cache, Decoder, FieldRecord, NodeRecord, RawBrick};
+use crate::cache::{
+    BrickPlace, Cache, Decoder, FieldRecord, NodeRecord, PARTS, Precision, RawBrick,
+};
 use crate::paging::{Loaded, Loader, Request};
 use crate::{Error, Result};
 
@@ -21,10 +23,16 @@ pub(super) struct BrickRequest {
     pub field: FieldRecord,
     /// The last tile of the picture that it may be seen in.
     pub last_tile: u64,
+    /// How many digits of its values are read.
+    pub precision: Precision,
 }
 
 impl Request for BrickRequest {
     fn key(&self) -> u64 {
+        self.node * PARTS as u64 + self.precision.last_part() as u64
+    }
+
+    fn brick(&self) -> u64 {
         self.node
     }
 
@@ -85,7 +93,7 @@ impl Loader for BrickLoader<'_> {
     }
 
     fn announce(&self, request: &BrickRequest) {
-        self.cache.announce(&request.field);
+        self.cache.announce(&request.field, request.precision);
     }
 
     fn load(
@@ -94,21 +102,22 @@ impl Loader for BrickLoader<'_> {
         scratch: &mut BrickScratch,
         brick: &mut ScaledBrick,
     ) -> Result<Loaded> {
-        let BrickRequest { node, place, record, field, .. } = request;
+        let BrickRequest { node, place, record, field, precision, .. } = request;
         let BrickScratch { decoder, raw, surveyor } = scratch;
         let volume = self.shading.field;
-        let reading = self.cache.read_brick(*node, record, volume, field, decoder, raw)?;
+        let records = ((*node, record), (volume, field));
+        let reading = self.cache.read_brick(records.0, records.1, *precision, decoder, raw)?;
         self.cache.check_place(*node, volume, place, raw)?;
         let header = self.cache.header();
         let map = |stored: &[f32], x: &mut [f64]| self.shading.map_all(stored, x);
         brick.prepare(raw, place, header.shape, map, self.shading.interpolation)?;
         if let Some(pieces) = self.accounts {
-            brick.survey(pieces, &self.shading.distance(record, field), surveyor);
+            brick.survey(pieces, &self.shading.distance(record, field, *precision), surveyor);
         }
         let blocks = usize::from(field.parent_blocks) + 1;
         Ok(Loaded {
-            read: u64::from(field.stored_bytes),
-            decompressed: header.shape.payload_bytes(blocks) as u64,
+            read: u64::from(field.stored_bytes(*precision)),
+            decompressed: field.decompressed(header.shape.cells_in_blocks(blocks), *precision),
             reading,
         })
     }

@@ -184,7 +184,10 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
         0.0
     };
     let (shading, plan) = (&shading, &plan);
-    let studio = Studio { cache, scene, shading, exact: &exact, pool: &pool, plan, threads };
+    // Where all bricks are to stay, each is there once.
+    let rounds = shading.has_all_digits() && !options.resident;
+    let (exact, pool) = (&exact, &pool);
+    let studio = Studio { cache, scene, shading, exact, pool, plan, rounds, threads };
     let mut samples = vec![0; header.levels.len()];
     let outcome = match options.fixed {
         Some(fixed) => studio.by_hand(&pixels, &fixed, options, &mut samples)?,

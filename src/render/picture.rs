@@ -21,7 +21,7 @@ use super::tree_walk::{FieldIndex, Scenery, Step, Walk};
 use super::turns::Turns;
 use crate::cache::Cache;
 use crate::image::Film;
-use crate::paging::{Pinned, Pool, ReadAhead, run_reader};
+use crate::paging::{Pinned, Pool, ReadAhead, Request, run_reader};
 use crate::{Error, Result};
 
 /// Steps that a tile's walk is ahead of its march. More would read more of what turns out to be
@@ -297,7 +297,7 @@ impl Pins {
 
     fn holds(&self, request: &BrickRequest) -> bool {
         let pin = self.levels.get(request.place.tree_level).and_then(Option::as_ref);
-        pin.is_some_and(|(node, _)| *node == request.node)
+        pin.is_some_and(|(key, _)| *key == request.key())
     }
 
     /// Lets go of the bricks from level `level` down.
@@ -318,7 +318,7 @@ impl Pins {
         let pin = self.levels.get_mut(request.place.tree_level).ok_or_else(beyond)?;
         if !held {
             *pin = None;
-            *pin = Some((request.node, pool.get(request, scratch)?));
+            *pin = Some((request.key(), pool.get(request, scratch)?));
         }
         pin.as_ref().map(|(_, brick)| &**brick).ok_or_else(beyond)
     }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use super::load::{BrickLoader, BrickRequest, BrickScratch};
 use super::memory::STACK_BYTES;
 use super::picture::finish;
-use crate::cache::Cache;
+use crate::cache::{Cache, Precision};
 use crate::paging::Pool;
 use crate::{Error, Result};
 
@@ -63,8 +63,9 @@ fn load_some(
         // Nothing is stored of what was dropped.
         if !described.is_void() {
             let place = cursor.place(node)?;
-            let last_tile = u64::MAX;
-            let request = BrickRequest { node, place, record, field: described, last_tile };
+            let (last_tile, precision) = (u64::MAX, Precision::Full);
+            let request =
+                BrickRequest { node, place, record, field: described, last_tile, precision };
             pool.load_ahead(&request, &mut scratch)?;
         }
     }

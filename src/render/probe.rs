@@ -6,7 +6,9 @@ use glam::DVec3;
 
 use super::interpolant::DrawnNeighbours;
 use super::scaled::{ScaledBrick, one_by_one};
-use crate::cache::{BrickPlace, Cache, Cursor, Decoder, FieldRecord, NodeRecord, RawBrick, state};
+use crate::cache::{
+    BrickPlace, Cache, Cursor, Decoder, FieldRecord, NodeRecord, Precision, RawBrick, state,
+};
 use crate::scene::Interpolation;
 use crate::space::{Decimal, Position};
 use crate::{Error, Result};
@@ -170,10 +172,9 @@ impl<'c> Probe<'c> {
         let mut raw = RawBrick::default();
         let (record, field) = (&finest.record, &finest.field);
         self.cache.read_brick(
-            finest.node,
-            record,
-            self.field,
-            field,
+            (finest.node, record),
+            (self.field, field),
+            Precision::Full,
             &mut self.decoder,
             &mut raw,
         )?;

@@ -313,6 +313,11 @@ impl RayError {
         }
     }
 
+    /// What values as they are read add to: levels, where they have fewer digits than are stored.
+    pub(super) fn of_stored(&mut self, is_rounded: bool) -> &mut Sums {
+        if is_rounded { &mut self.levels } else { &mut self.storage }
+    }
+
     /// Adds what was lent to a ray with so much `transmittance` that had gathered so much `light`.
     pub(super) fn borrow(&mut self, lent: &Lent, transmittance: f64, light: [f64; 3]) {
         let before = self.own_extinction();

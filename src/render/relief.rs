@@ -55,14 +55,24 @@ pub(super) struct Distance {
     /// Of values stored to those of the source, averages included, and of leaf cells' alone.
     pub(super) storage: Rounding,
     pub(super) leaf_storage: Rounding,
+    /// Whether values are read in fewer digits than are stored: then that is what makes the two above,
+    /// and finer cuts change it.
+    pub(super) is_rounded: bool,
 }
 
 impl Distance {
     /// None: nothing lies beneath, and values within `tree` are the source's.
     pub(super) fn none(tree: [f64; 2]) -> Self {
         let stored = Rounding::default();
-        let (storage, leaf_storage) = (stored, stored);
-        Self { residual: 0.0, child_mask: 0, fills_void: false, tree, storage, leaf_storage }
+        Self {
+            residual: 0.0,
+            child_mask: 0,
+            fills_void: false,
+            tree,
+            storage: stored,
+            leaf_storage: stored,
+            is_rounded: false,
+        }
     }
 }
 
@@ -77,6 +87,9 @@ pub(super) struct Relief {
     /// How far steps of the transfer function must be looked for beyond the values themselves, by
     /// what is beneath.
     pub(super) levels_reach: f64,
+    /// Whether what values as they are read make counts as of levels: they have fewer digits than are
+    /// stored.
+    pub(super) is_rounded: bool,
 }
 
 impl Relief {
@@ -139,6 +152,7 @@ impl Relief {
         self.groups.clear();
         self.groups.reserve_exact(self.side.pow(3));
         self.levels_reach = if distance.residual < FAR { distance.residual } else { 0.0 };
+        self.is_rounded = distance.is_rounded;
         let looker = Looker { brick, pieces, distance };
         for (at, terrain) in surveyor.look(brick, self.side).iter().enumerate() {
             let group = [at % self.side, at / self.side % self.side, at / self.side.pow(2)];
@@ -167,6 +181,7 @@ impl Relief {
             group.span = pieces.over(group.low, group.high);
             group.levels = group.span.slope.times(group.thinned);
         }
+        self.is_rounded = finer.is_rounded;
         self.join(pieces);
         let most = self.whole.thinned;
         self.levels_reach = if most < FAR { most } else { 0.0 };

@@ -2,8 +2,10 @@
 
 use super::lanes::{Kernel, Lanes, Width};
 use super::relief::Distance;
-use crate::cache::{CachedField, FieldRecord, Header, NodeRecord};
-use crate::scene::{FieldExtrema, Interpolation, Mapping, TransferFunction, Units, VolumeSettings};
+use crate::cache::{CachedField, FieldRecord, Header, NodeRecord, Precision};
+use crate::scene::{
+    FieldExtrema, Interpolation, Mapping, Rounding, TransferFunction, Units, VolumeSettings,
+};
 use crate::{Error, Result};
 
 /// The field that is shown, and how its values become colours.
@@ -65,8 +67,35 @@ impl Shading {
         })
     }
 
+    /// Whether values are stored with all digits that f32 has, so that reading fewer is worthwhile.
+    pub(super) fn has_all_digits(&self) -> bool {
+        self.relative_error < f64::from(f32::EPSILON)
+    }
+
+    /// How far x of a brick's own values, between `low` and `high`, may be off where they are read in
+    /// fewer digits.
+    pub(super) fn read_distance(
+        &self,
+        [low, high]: [f64; 2],
+        field: &FieldRecord,
+        precision: Precision,
+    ) -> f64 {
+        self.rounding(0.0, field, precision).between(low, high)
+    }
+
+    /// How far values of a brick are off as they are read, where those stored are by so much.
+    fn rounding(&self, stored: f64, field: &FieldRecord, precision: Precision) -> Rounding {
+        let read = f64::from(field.error(precision));
+        self.mapping.rounding(stored + read * (1.0 + stored), self.least_exact)
+    }
+
     /// How far what a brick draws may be from the truth.
-    pub(super) fn distance(&self, record: &NodeRecord, field: &FieldRecord) -> Distance {
+    pub(super) fn distance(
+        &self,
+        record: &NodeRecord,
+        field: &FieldRecord,
+        precision: Precision,
+    ) -> Distance {
         let residual = match (record.descendants, self.interpolation) {
             (0, _) => 0.0,
             // Residuals are those of the interpolant.
@@ -81,8 +110,9 @@ impl Shading {
             child_mask: record.child_mask,
             fills_void: field.fills_void(),
             tree: self.range(field),
-            storage: self.mapping.rounding(self.relative_error, self.least_exact),
-            leaf_storage: self.mapping.rounding(self.leaf_error, self.least_exact),
+            storage: self.rounding(self.relative_error, field, precision),
+            leaf_storage: self.rounding(self.leaf_error, field, precision),
+            is_rounded: precision != Precision::Full,
         }
     }
 

@@ -46,6 +46,8 @@ pub(super) struct Studio<'s> {
     pub(super) exact: &'s TransferPieces,
     pub(super) pool: &'s Pool<'s, BrickLoader<'s>>,
     pub(super) plan: &'s MemoryPlan,
+    /// Whether values may be read in fewer digits than are stored.
+    pub(super) rounds: bool,
     pub(super) threads: usize,
 }
 
@@ -256,12 +258,9 @@ impl<'s> Studio<'s> {
             Samples::Area => most,
         };
         let pixels = PixelGrid::new(&view, Samples::Grid(rays));
-        let cut = Cut::Footprint(FootprintCut::new(
-            f64::from(rays).recip(),
-            &scene,
-            &self.cache.header().domain,
-            self.cache.header().shape,
-        )?);
+        let Header { domain, shape, .. } = self.cache.header();
+        let cut = FootprintCut::new(f64::from(rays).recip(), &scene, domain, *shape)?;
+        let cut = Cut::Footprint(cut.in_short());
         let method = Method::Once { cut, accounts: false };
         let exact = (self.exact, self.pieces(self.exact));
         let mut picture = self.picture(&pixels, exact, method, None, None)?;
@@ -356,7 +355,7 @@ impl<'s> Studio<'s> {
                 ending: Ending::new(brightest, ENDING_SHARE * allowed.unwrap_or(0.0)),
                 packets: None,
             },
-            scenery: Scenery { header, view, pixels, shading: self.shading, bounds: pieces },
+            scenery: self.scenery(pixels, pieces),
             method,
             exact: &self.exact.all,
             pool: self.pool,
@@ -371,11 +370,20 @@ impl<'s> Studio<'s> {
         })
     }
 
+    fn scenery<'p>(&'p self, pixels: &'p PixelGrid, bounds: &'p PieceList) -> Scenery<'p> {
+        Scenery {
+            header: self.cache.header(),
+            view: pixels.view(),
+            pixels,
+            shading: self.shading,
+            bounds,
+            rounds: self.rounds,
+        }
+    }
+
     /// One walk of the index over the whole picture.
     fn census(&self, pixels: &PixelGrid, cut: &Cut, bounds: &PieceList) -> Result<Census> {
-        let header = self.cache.header();
-        let scenery =
-            Scenery { header, view: pixels.view(), pixels, shading: self.shading, bounds };
+        let scenery = self.scenery(pixels, bounds);
         let mut index = FieldIndex { cursor: self.cache.cursor(), field: self.shading.field };
         let mut walk = Walk::new(&scenery, &mut index, Census::default(), cut, pixels.whole());
         while walk.next(|_, _| 1.0)?.is_some() {}

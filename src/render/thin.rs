@@ -48,8 +48,8 @@ pub(super) struct Thinner {
 /// Thinner bricks of one.
 #[derive(Debug, Default)]
 struct Kept {
-    /// Its node.
-    node: u64,
+    /// Its key.
+    key: u64,
     /// Each of half as many cells as that before; and how many of them there are.
     bricks: [ScaledBrick; MOST_HALVINGS],
     made: usize,
@@ -99,35 +99,35 @@ impl Thinner {
         bytes + Surveyor::bytes(thinner.edge()) + Self::bytes_kept(shape)
     }
 
-    /// What is kept of a node's brick, or where that may be.
-    fn take(&mut self, node: u64) -> usize {
+    /// What is kept of the brick of a request's key, or where that may be.
+    fn take(&mut self, key: u64) -> usize {
         self.asked += 1;
-        let found = self.kept.iter().position(|kept| kept.node == node);
+        let found = self.kept.iter().position(|kept| kept.key == key);
         let at = found.unwrap_or_else(|| {
             if self.kept.len() <= self.room {
                 self.kept.push(Kept::default());
             }
             let by_age = self.kept.iter().enumerate().min_by_key(|(_, kept)| kept.asked);
             let oldest = by_age.map_or(0, |(at, _)| at);
-            (self.kept[oldest].node, self.kept[oldest].made) = (node, 0);
+            (self.kept[oldest].key, self.kept[oldest].made) = (key, 0);
             oldest
         });
         self.kept[at].asked = self.asked;
         at
     }
 
-    /// `brick` of a node, which was surveyed, in the fewest cells by which light is off by so little, in any
+    /// `brick` of a key, which was surveyed, in the fewest cells by which light is off by so little, in any
     /// group, that `fits` says so; and how often it was halved. None where it was not.
     pub(super) fn thin(
         &mut self,
-        (node, brick): (u64, &ScaledBrick),
+        (key, brick): (u64, &ScaledBrick),
         pieces: &PieceList,
         fits: impl Fn(Change) -> bool,
     ) -> Option<(&ScaledBrick, usize)> {
         if !may_be_thinner(brick, &fits) {
             return None;
         }
-        let at = self.take(node);
+        let at = self.take(key);
         let Kept { bricks, made, .. } = &mut self.kept[at];
         let mut halvings = 0;
         while halvings < MOST_HALVINGS {

@@ -32,6 +32,7 @@ use super::tree_walk::Step;
 use super::view::Aim;
 use super::waiting::Found;
 use crate::cache::BrickShape;
+use crate::paging::Request;
 use crate::scene::Interpolation;
 
 /// How many rays are looked at one by one for the brightest that still needs light.
@@ -402,7 +403,7 @@ fn thin<'t>(
     }
     let crossing = step.frame.crossing(&step.footprint, passage.brick.edge as f64);
     let fits = |change: Change| change.light(behind) * crossing * transmittance <= limit;
-    let (brick, halvings) = thinner.thin((step.request.node, passage.brick), pieces, fits)?;
+    let (brick, halvings) = thinner.thin((step.request.key(), passage.brick), pieces, fits)?;
     let part = Part { passage: *passage, frame: step.frame, footprint: step.footprint };
     let mut part = (0..halvings).fold(part, |part, _| part.wider(brick));
     // The finer cells.

@@ -14,7 +14,7 @@ use super::relief::Distance;
 use super::shading::Shading;
 use super::transfer_pieces::PieceList;
 use super::view::View;
-use crate::cache::{BrickPlace, Cursor, FieldRecord, Header, NodeRecord};
+use crate::cache::{BrickPlace, Cursor, FieldRecord, Header, NodeRecord, Precision};
 use crate::space::{FRACTION_BITS, Position};
 use crate::{Error, Result};
 
@@ -53,7 +53,14 @@ pub(super) struct Scenery<'r> {
     pub shading: &'r Shading,
     /// What the transfer function does over ranges.
     pub(super) bounds: &'r PieceList,
+    /// Whether values may be read in fewer digits than are stored.
+    pub(super) rounds: bool,
 }
+
+/// What a brick read in fewer digits may be off by as the index tells, as a part of what a cut lets it be off by. That
+/// is by the steepest slope over all of its values, and for the longest way: what rays make of it is some
+/// ten times less, and few meet many such bricks.
+const ROUNDED_SHARE: f64 = 1.0;
 
 /// One piece to draw: a brick, or one octant of it.
 #[derive(Debug, Clone, Copy)]
@@ -195,8 +202,9 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
             return Ok(None);
         }
         let last_tile = scenery.pixels.last_tile(&all);
-        let request = BrickRequest { node, place, record, field, last_tile };
         let seen = Seen { frame, pixels, footprint };
+        let precision = scenery.precision(&field, &seen, self.cut);
+        let request = BrickRequest { node, place, record, field, last_tile, precision };
         let opens = record.child_mask != 0 && self.opens(&request, &seen, transmittance);
         if !opens {
             self.tally.count(Fate::Coarser, record.descendants);
@@ -333,7 +341,7 @@ impl Scenery<'_> {
     /// it left aside.
     fn error(&self, request: &BrickRequest, seen: &Seen, cut: &ErrorCut) -> f64 {
         let Distance { residual, fills_void, tree, .. } =
-            self.shading.distance(&request.record, &request.field);
+            self.shading.distance(&request.record, &request.field, Precision::Full);
         let span = self.bounds.over(tree[0], tree[1]);
         let change = if fills_void {
             span.most
@@ -341,10 +349,46 @@ impl Scenery<'_> {
             let by_slope = span.slope.times(residual.min(tree[1] - tree[0])).plus(span.jumps);
             by_slope.min(span.variation.plus(span.jumps))
         };
+        self.seen_length(seen) * change.light(cut.behind)
+    }
+
+    /// The longest way of a ray through a brick, or of a pixel's rays on average.
+    fn seen_length(&self, seen: &Seen) -> f64 {
         let crossing = seen.frame.crossing(&seen.footprint, self.header.shape.edge() as f64);
         let covered =
             if self.pixels.has_area() { self.pixels.covered(&seen.footprint) } else { 1.0 };
-        crossing * covered * change.light(cut.behind)
+        crossing * covered
+    }
+
+    /// How many digits of a brick's values are read: by what these may make of a ray's light, whatever
+    /// lies in front, so that all tiles with the same cut read the same.
+    fn precision(&self, field: &FieldRecord, seen: &Seen, cut: &Cut) -> Precision {
+        let fewer = [Precision::Short, Precision::Medium].into_iter();
+        let mut fewer = fewer.filter(|precision| self.rounds && field.error(*precision) > 0.0);
+        let found = match cut {
+            Cut::FullDepth => None,
+            Cut::Footprint(cut) => fewer.find(|precision| *precision >= cut.precision()),
+            Cut::Error(cut) => fewer.find(|precision| {
+                self.read_error(field, *precision, seen, cut) <= ROUNDED_SHARE * cut.limit
+            }),
+        };
+        found.unwrap_or(Precision::Full)
+    }
+
+    /// How far the light of a ray may be off where a brick's own values are read in fewer digits.
+    fn read_error(
+        &self,
+        field: &FieldRecord,
+        precision: Precision,
+        seen: &Seen,
+        cut: &ErrorCut,
+    ) -> f64 {
+        let [low, high] = field.own.map(|value| self.shading.map(value));
+        let off = self.shading.read_distance([low, high], field, precision);
+        let span = self.bounds.over(low - off, high + off);
+        let by_slope = span.slope.times(off).plus(span.jumps);
+        let change = by_slope.min(span.variation.plus(span.jumps));
+        self.seen_length(seen) * change.light(cut.behind)
     }
 }
 

@@ -33,6 +33,7 @@ impl Tree {
         let shading = Shading::new(&scene.volume, scene.render.interpolation, &header).unwrap();
         let transfer = TransferPieces::new(&shading.transfer, |_| 0.0);
         let scenery = Scenery {
+            rounds: false,
             header: &header,
             view: &view,
             pixels: &pixels,

@@ -13,7 +13,9 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 use std::rc::Rc;
 
-use deepfield::cache::{BrickPlace, Cache, Decoder, FieldRecord, NodeRecord, RawBrick, state};
+use deepfield::cache::{
+    BrickPlace, Cache, Decoder, FieldRecord, NodeRecord, Precision, RawBrick, state,
+};
 use deepfield::render::cut::FootprintCut;
 use deepfield::render::interpolant::DrawnNeighbours;
 use deepfield::render::scaled::{ScaledBrick, one_by_one};
@@ -96,7 +98,8 @@ impl<'c> Tree<'c> {
         }
         let mut raw = RawBrick::default();
         let (mut decoder, Node { index, record, field, .. }) = (self.decoder.borrow_mut(), node);
-        self.cache.read_brick(*index, record, 0, field, &mut decoder, &mut raw).unwrap();
+        let (records, full) = ((*index, record), Precision::Full);
+        self.cache.read_brick(records, (0, field), full, &mut decoder, &mut raw).unwrap();
         Rc::clone(keep(&mut self.raw.borrow_mut(), node.index, raw))
     }
 

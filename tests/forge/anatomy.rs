@@ -9,7 +9,7 @@ use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
 pub(crate) const PAGE: usize = 64 << 10;
 const PREFIX: usize = 24;
 const NODE: usize = 40;
-const FIELD: usize = 48;
+const FIELD: usize = 80;
 
 /// How a number is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -123,16 +123,22 @@ const NODE_RECORD: [(&str, Kind); 10] = [
     ("reserved", Kind::U8),
 ];
 
-const FIELD_RECORD: [(&str, Kind); 11] = [
+const FIELD_RECORD: [(&str, Kind); 17] = [
     ("payload offset", Kind::U64),
     ("payload checksum", Kind::U64),
-    ("payload bytes", Kind::U32),
+    ("payload checksum", Kind::U64),
+    ("payload checksum", Kind::U64),
+    ("part's end", Kind::U32),
+    ("part's end", Kind::U32),
+    ("part's end", Kind::U32),
     ("own min", Kind::F32),
     ("own max", Kind::F32),
     ("tree min", Kind::F32),
     ("tree max", Kind::F32),
     ("residual", Kind::F32),
     ("residual", Kind::F32),
+    ("rounding error", Kind::F32),
+    ("rounding error", Kind::F32),
     ("flags", Kind::U8),
     ("payload blocks", Kind::U8),
 ];
@@ -242,8 +248,8 @@ impl Anatomy {
     }
 }
 
-/// The checksum of a payload in its place.
-pub(crate) fn payload_checksum(node: usize, field: usize, stored: &[u8]) -> u64 {
+/// The checksum of a payload's part in its place; 0 for one that is not there.
+pub(crate) fn payload_checksum((node, field, part): (usize, usize, usize), stored: &[u8]) -> u64 {
     let place = (node as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ field as u64;
-    xxh3_64_with_seed(stored, place)
+    if stored.is_empty() { 0 } else { xxh3_64_with_seed(stored, place ^ (part as u64) << 32) }
 }

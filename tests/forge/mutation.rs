@@ -2,7 +2,7 @@
 
 use super::anatomy::{Anatomy, Kind, Number, PAGE, word};
 use super::noise::Noise;
-use super::payload::compress;
+use super::payload::{compress, compress_parts, raw_parts};
 
 /// What must come of a damaged cache.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -162,14 +162,15 @@ impl Sound {
     fn some_payload(&self, noise: &mut Noise) -> (usize, usize) {
         loop {
             let place = (noise.below(self.anatomy.nodes), noise.below(self.anatomy.fields));
-            if !self.anatomy.stored(&self.bytes, place.0, place.1).is_empty() {
+            if !self.anatomy.stored(&self.bytes, place.0, place.1)[0].is_empty() {
                 return place;
             }
         }
     }
 
     fn with_raw(&self, place: (usize, usize), raw: &[u8]) -> Vec<u8> {
-        self.anatomy.with_payload(&self.bytes, place, &compress(raw))
+        let parts = compress_parts(raw);
+        self.anatomy.with_payload(&self.bytes, place, parts.each_ref().map(Vec::as_slice))
     }
 
     /// Cells in another state: all of those in the brick itself are counted in the index.
@@ -210,13 +211,16 @@ impl Sound {
             f32::MAX,
             0.0,
             -1.0,
-            limit(3),
-            limit(4),
+            limit(7),
+            limit(8),
         ]);
-        for (plane, byte) in value.to_le_bytes().into_iter().enumerate() {
-            raw[cells * (plane + 1) + at] = byte;
+        // Upper bytes are those of the value rounded to them.
+        let carry = |bits: u32, middle: u32| bits.wrapping_add((bits & middle) << 1);
+        let rounded = carry(carry(value.to_bits(), 0x80), 0x8000).to_le_bytes();
+        for (plane, byte) in [4, 3, 1, 2].into_iter().zip(rounded) {
+            raw[cells * plane + at] = byte;
         }
-        let inside = limit(3) <= value && value <= limit(4);
+        let inside = limit(7) <= value && value <= limit(8);
         let expected = if inside { Expected::Sound } else { Expected::Found };
         Damaged { what: "values".into(), bytes: self.with_raw(place, &raw), expected }
     }
@@ -225,28 +229,35 @@ impl Sound {
     fn payload_shape(&self, noise: &mut Noise) -> Damaged {
         let place = self.some_payload(noise);
         let raw = self.anatomy.raw(&self.bytes, place.0, place.1);
-        let stored = match noise.below(6) {
+        let raw = raw_parts(&raw);
+        let mut parts = raw.map(compress);
+        let part = noise.below(3);
+        let raw = raw[part];
+        parts[part] = match noise.below(6) {
             0 => compress(&raw[..noise.below(raw.len())]),
-            1 => compress(&[&raw[..], &raw[..1 + noise.below(raw.len() - 1)]].concat()),
+            1 => compress(&[raw, &raw[..1 + noise.below(raw.len() - 1)]].concat()),
             2 => compress(&vec![1; 64 << 20]),
             3 => vec![0x5a; 1 + noise.below(4000)],
-            4 => compress(&raw)[..4].to_vec(),
-            _ => [compress(&raw), compress(&raw)].concat(),
+            4 => compress(raw)[..4].to_vec(),
+            _ => [compress(raw), compress(raw)].concat(),
         };
-        let bytes = self.anatomy.with_payload(&self.bytes, place, &stored);
+        let parts = parts.each_ref().map(Vec::as_slice);
+        let bytes = self.anatomy.with_payload(&self.bytes, place, parts);
         Damaged { what: "payload's shape".into(), bytes, expected: Expected::Found }
     }
 
     fn spliced_payload(&self, noise: &mut Noise, other: &Self) -> Damaged {
         let donor = if noise.below(2) == 0 { self } else { other };
         let (node, field) = donor.some_payload(noise);
-        let stored = donor.anatomy.stored(&donor.bytes, node, field);
-        let stored = match noise.below(2) {
-            0 => stored.to_vec(),
-            _ => noise.damage(stored),
-        };
+        let mut parts = donor.anatomy.stored(&donor.bytes, node, field);
+        let part = noise.below(4);
+        let damaged;
+        if part < 3 && !parts[part].is_empty() {
+            damaged = noise.damage(parts[part]);
+            parts[part] = &damaged;
+        }
         let place = self.some_payload(noise);
-        let bytes = self.anatomy.with_payload(&self.bytes, place, &stored);
+        let bytes = self.anatomy.with_payload(&self.bytes, place, parts);
         Damaged { what: "payload spliced".into(), bytes, expected: Expected::Sound }
     }
 

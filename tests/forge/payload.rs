@@ -4,24 +4,42 @@ use super::anatomy::{Anatomy, PAGE, payload_checksum, word};
 
 /// Where a field record says what of its payload.
 const CHECKSUM: usize = 8;
-const LENGTH: usize = 16;
+const ENDS: usize = 32;
+const ERRORS: usize = 68;
+
+/// Parts of a payload, and bytes of a cell in each.
+const BYTES_PER_CELL: [usize; 3] = [3, 1, 1];
 
 impl Anatomy {
     fn payload_record(&self, node: usize, field: usize) -> usize {
         self.field_numbers(node, field)[0].at
     }
 
-    /// The stored bytes of a payload; empty where there is none.
-    pub(crate) fn stored<'b>(&self, bytes: &'b [u8], node: usize, field: usize) -> &'b [u8] {
-        let record = self.payload_record(node, field);
-        let start = word(bytes, record, 8) as usize;
-        &bytes[start..start + word(bytes, record + LENGTH, 4) as usize]
+    /// Where a part of a payload ends among its stored bytes.
+    fn end(&self, bytes: &[u8], record: usize, part: usize) -> usize {
+        word(bytes, record + ENDS + 4 * part, 4) as usize
     }
 
-    /// The payload decompressed: states, then byte planes of the values.
+    /// The stored bytes of a payload's parts; empty where there is none.
+    pub(crate) fn stored<'b>(&self, bytes: &'b [u8], node: usize, field: usize) -> [&'b [u8]; 3] {
+        let record = self.payload_record(node, field);
+        let stored = &bytes[word(bytes, record, 8) as usize..];
+        let begin = |part: usize| if part == 0 { 0 } else { self.end(bytes, record, part - 1) };
+        [0, 1, 2].map(|part| &stored[begin(part)..self.end(bytes, record, part)])
+    }
+
+    /// The payload decompressed: states, the upper two planes of the values, the third, the lowest.
     pub(crate) fn raw(&self, bytes: &[u8], node: usize, field: usize) -> Vec<u8> {
-        let stored = self.stored(bytes, node, field);
-        zstd::bulk::decompress(stored, 1 << 24).unwrap()
+        let parts = self.stored(bytes, node, field);
+        let mut raw = zstd::bulk::decompress(parts[0], 1 << 24).unwrap();
+        let cells = raw.len() / BYTES_PER_CELL[0];
+        for part in &parts[1..] {
+            match part {
+                [] => raw.resize(raw.len() + cells, 0),
+                _ => raw.extend(zstd::bulk::decompress(part, 1 << 24).unwrap()),
+            }
+        }
+        raw
     }
 
     /// The same cache with another payload: everything behind it moves, and all offsets and
@@ -30,11 +48,12 @@ impl Anatomy {
         &self,
         bytes: &[u8],
         (node, field): (usize, usize),
-        stored: &[u8],
+        parts: [&[u8]; 3],
     ) -> Vec<u8> {
+        let stored = &parts.concat()[..];
         let record = self.payload_record(node, field);
         let start = word(bytes, record, 8) as usize;
-        let old = word(bytes, record + LENGTH, 4) as usize;
+        let old = self.end(bytes, record, 2);
         let mut index = bytes[self.index..self.index + self.pages * PAGE].to_vec();
         let mut put = |at: usize, value: u64, count: usize| {
             let at = at - self.index;
@@ -45,13 +64,22 @@ impl Anatomy {
         for (node, field) in all {
             let record = self.payload_record(node, field);
             let offset = word(bytes, record, 8) as usize;
-            end = end.max(offset + word(bytes, record + LENGTH, 4) as usize);
+            end = end.max(offset + self.end(bytes, record, 2));
             if offset > start {
                 put(record, (offset + stored.len() - old) as u64, 8);
             }
         }
-        put(record + CHECKSUM, payload_checksum(node, field, stored), 8);
-        put(record + LENGTH, stored.len() as u64, 4);
+        let mut length = 0;
+        for (part, stored) in parts.into_iter().enumerate() {
+            put(record + CHECKSUM + 8 * part, payload_checksum((node, field, part), stored), 8);
+            length += stored.len();
+            put(record + ENDS + 4 * part, length as u64, 4);
+            if let Some(before) = part.checked_sub(1) {
+                // No value is off by more than all of it.
+                let error = if stored.is_empty() { 0.0_f32 } else { 1.0 };
+                put(record + ERRORS + 4 * before, error.to_bits().into(), 4);
+            }
+        }
         let mut forged = [&bytes[..start], stored, &bytes[start + old..end]].concat();
         forged.resize(forged.len().next_multiple_of(PAGE), 0);
         self.finish(forged, &index)
@@ -91,4 +119,22 @@ impl Anatomy {
 /// Compressed as the program does.
 pub(crate) fn compress(raw: &[u8]) -> Vec<u8> {
     zstd::bulk::compress(raw, 3).unwrap()
+}
+
+/// A raw payload's parts, as they are.
+pub(crate) fn raw_parts(raw: &[u8]) -> [&[u8]; 3] {
+    let cells = raw.len() / BYTES_PER_CELL.iter().sum::<usize>();
+    let (first, rest) = raw.split_at(BYTES_PER_CELL[0] * cells);
+    let (second, third) = rest.split_at(cells);
+    [first, second, third]
+}
+
+/// The same compressed; the second where it or the third holds something, and the third where it does.
+pub(crate) fn compress_parts(raw: &[u8]) -> [Vec<u8>; 3] {
+    let parts = raw_parts(raw);
+    let is_empty = |part: usize| parts[part..].concat().iter().all(|byte| *byte == 0);
+    let compressed = |part: usize| {
+        if part > 0 && is_empty(part) { Vec::new() } else { compress(parts[part]) }
+    };
+    [0, 1, 2].map(compressed)
 }

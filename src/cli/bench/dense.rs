@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::cache::{BrickPlace, Cache, Cursor, Decoder, RawBrick, TreeLevel};
+use crate::cache::{BrickPlace, Cache, Cursor, Decoder, Precision, RawBrick, TreeLevel};
 use crate::source::{GridBlock, GridRecord, Hierarchy, Source, SourceField};
 use crate::space::{Domain, IndexBox, Levels};
 use crate::{Error, Result};
@@ -129,7 +129,8 @@ impl Sampling<'_, '_> {
             if !described.is_void() {
                 let cache = self.grid.cache;
                 let (decoder, brick) = (&mut self.decoder, &mut self.brick);
-                cache.read_brick(node, &record, self.field, &described, decoder, brick)?;
+                let (node, field) = ((node, &record), (self.field, &described));
+                cache.read_brick(node, field, Precision::Full, decoder, brick)?;
                 own.iter().for_each(|octant| self.copy(&place, *octant));
             }
         }

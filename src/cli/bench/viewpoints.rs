@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::cache::{BrickPlace, Cache, CachedField, Decoder, RawBrick, state};
+use crate::cache::{BrickPlace, Cache, CachedField, Decoder, Precision, RawBrick, state};
 use crate::{Error, Result};
 
 /// From the deepest cell to the eye within, in such cells.
@@ -89,7 +89,8 @@ fn deepest_cell(cache: &Cache) -> Result<(i32, [i128; 3])> {
         let mut decoder = Decoder::new()
             .map_err(|source| Error::io(cache.path(), "cannot set up decompression", source))?;
         let mut brick = RawBrick::default();
-        cache.read_brick(node, &record, 0, &described, &mut decoder, &mut brick)?;
+        let (node, field) = ((node, &record), (0, &described));
+        cache.read_brick(node, field, Precision::Full, &mut decoder, &mut brick)?;
         cell = central_cell(&brick, edge).unwrap_or(cell);
     }
     let lowest = place.lowest_cell(header.shape);

@@ -220,7 +220,8 @@ impl Cabin {
                 error.farthest = error.farthest.plus(sums(packet.farthest.each_ref().map(sum)));
                 error.uneven = error.uneven.plus(sums(packet.uneven.each_ref().map(sum)));
             }
-            error.storage = error.storage.plus(sums(packet.stored.each_ref().map(sum)));
+            let of_stored = error.of_stored(place.passage.brick.relief.is_rounded);
+            *of_stored = of_stored.plus(sums(packet.stored.each_ref().map(sum)));
             error.place_behind(state.radiance, before);
         }
         let [red, green, blue, depth] = packet.left.each_ref().map(sum);
