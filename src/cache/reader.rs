@@ -13,7 +13,7 @@ use rustix::fs::{Advice, fadvise};
 use super::brick::{BrickPlace, RawBrick};
 use super::bytes::ByteReader;
 use super::check::{check_brick, marks_outside};
-use super::checksum::{checksum, checksum_at, payload_place};
+use super::checksum::{Checksum, checksum, checksum_at, payload_place};
 use super::codec::{Decoder, Precision, can_be_stored};
 use super::header::{Header, MAGIC, MAX_HEADER_BYTES, PREFIX_BYTES, VERSION};
 use super::index::{Cursor, Index};
@@ -232,18 +232,29 @@ fn read_header(file: &File, path: &Path, length: u64) -> Result<(Header, u64)> {
     Ok((header, u64::from(header_bytes)))
 }
 
+/// Bytes of the table of page checksums that are read at a time: whole entries.
+const TABLE_PIECE: usize = 64 << 10;
+
 /// The header's check has bounded the table by the file's size.
 fn read_page_table(file: &File, path: &Path, header: &Header) -> Result<Vec<u64>> {
-    let bytes = header.index_pages * 8;
-    let mut table = vec![0; usize::try_from(bytes).unwrap_or(0)];
-    file.read_exact_at(&mut table, header.file_bytes - bytes)
-        .map_err(|source| Error::io(path, "cannot read the table of checksums", source))?;
-    if checksum(&table) != header.page_table_checksum {
+    let pages = usize::try_from(header.index_pages).unwrap_or(0);
+    let mut table = Vec::with_capacity(pages);
+    let (mut sum, mut piece) = (Checksum::new(), vec![0; TABLE_PIECE.min(8 * pages)]);
+    let mut at = header.file_bytes - 8 * header.index_pages;
+    while table.len() < pages {
+        piece.truncate(8 * (pages - table.len()));
+        file.read_exact_at(&mut piece, at)
+            .map_err(|source| Error::io(path, "cannot read the table of checksums", source))?;
+        sum.update(&piece);
+        let words = piece.chunks_exact(8);
+        table.extend(words.map(|w| w.try_into().map_or(0, u64::from_le_bytes)));
+        at += piece.len() as u64;
+    }
+    if sum.digest() != header.page_table_checksum {
         return Err(Error::invalid(
             path.display(),
             "the table of index checksums is damaged: ingest the data again",
         ));
     }
-    let words = table.chunks_exact(8);
-    Ok(words.map(|w| w.try_into().map_or(0, u64::from_le_bytes)).collect())
+    Ok(table)
 }

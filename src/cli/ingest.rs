@@ -52,6 +52,7 @@ pub(super) struct Arguments {
     /// Keep only this box: its lower and upper corner, each `x,y,z` in code length
     #[arg(
         long, value_names = ["LO", "HI"], num_args = 2, allow_hyphen_values = true,
+        action = clap::ArgAction::Set,
         value_parser = values::corner
     )]
     region: Option<Vec<[Decimal; 3]>>,

@@ -79,7 +79,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     };
     let mut rendered = render(&cache, &scene, &options)?;
     rendered.stats.set_opening(opening);
-    warn_of_bound(&rendered.stats);
+    warn_of_bound(&rendered.stats, f64::from(rendered.film.largest_value()));
     write_picture((picture, format), &rendered, &scene, &cache)?;
     stats_file.map_or(Ok(()), |file| file.write(&rendered.stats))
 }
@@ -99,17 +99,19 @@ fn parse_fixed(text: &str) -> Result<FixedSetting, String> {
     ))
 }
 
+/// What exact pictures are converged to, relative to their largest value.
+const EXACT: f64 = 1e-6;
+
 /// Says so where the tolerance is not kept.
-fn warn_of_bound(stats: &Stats) {
+fn warn_of_bound(stats: &Stats, largest: f64) {
+    let tolerance = if stats.tolerance > 0.0 { stats.tolerance } else { EXACT * largest };
     if let Some(bound) = stats.error_bound
-        && bound > stats.tolerance
-        && stats.tolerance > 0.0
+        && bound > tolerance
     {
         let likely = stats.error_estimate.unwrap_or(bound);
         eprintln!(
-            "warning: pixels may be off by {bound:.2e}, more than the tolerance of {:.2e} (by \
-             {likely:.2e} in all likelihood): ask for a larger --tolerance{}",
-            stats.tolerance,
+            "warning: pixels may be off by {bound:.2e}, more than the tolerance of {tolerance:.2e} \
+             (by {likely:.2e} in all likelihood): ask for a larger --tolerance{}",
             other_advice(stats)
         );
     }

@@ -89,7 +89,8 @@ impl Piece {
 
     /// An upper bound of emission over extinction. Within a piece j is at most its largest value,
     /// and where κ and j vanish together their ratio is that of a quadratic and a linear function
-    /// with a common root: bounded by the ratio of their steepest slopes.
+    /// with a common root: bounded by the ratio of their steepest slopes. Where κ is constant but for
+    /// rounding, that says nothing.
     pub(super) fn brightest(&self) -> f64 {
         if self.is_transparent {
             return 0.0;
@@ -107,8 +108,9 @@ impl Piece {
         let bound = match k0.total_cmp(&k1) {
             std::cmp::Ordering::Less => from(j0, k0),
             std::cmp::Ordering::Greater => from(j1, k1),
-            std::cmp::Ordering::Equal => ratio(j0 + self.slope[0] * (right - left), k0),
+            std::cmp::Ordering::Equal => f64::INFINITY,
         };
+        let bound = bound.min(ratio(j0 + self.slope[0] * (right - left), k0.min(k1)));
         if bound.is_nan() { f64::INFINITY } else { bound }
     }
 

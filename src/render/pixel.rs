@@ -50,6 +50,10 @@ struct Alone {
     bend: [Sum; 4],
     /// How many these are.
     unknown: u32,
+    /// The variance of squares that were given up for want of room, and how many of nothing is known:
+    /// more rays in others do not change what these are off by.
+    lost: f64,
+    lost_unknown: u32,
     /// What their rays may be off by, where that is known.
     own: Sum,
     /// The variance as four rays of the whole pixel told it.
@@ -97,6 +101,15 @@ impl Pixel {
         add(&mut self.value, &found.value, weight);
     }
 
+    /// The same for want of room: what it may be off by stays.
+    pub(super) fn give_up(&mut self, found: &Found, weight: f64) {
+        match &found.uneven {
+            Some(uneven) => self.alone.lost += uneven.variance(weight),
+            None => self.alone.lost_unknown += 1,
+        }
+        self.draw(found, weight);
+    }
+
     /// Learns of the quarters of a square left, `weight` of the pixel: that they are uneven, and
     /// what their rays may be off by.
     pub(super) fn learn(
@@ -141,11 +154,22 @@ impl Pixel {
     /// What its mean may be off by in all likelihood, where its variance is taken for at least
     /// `least`; infinite while something is unknown.
     pub(super) fn unlikely(&self, least: f64) -> f64 {
-        if self.alone.unknown > 0 {
+        let Alone { unknown, variance, .. } = &self.alone;
+        self.likely_error(*unknown > 0, variance.value().max(least))
+    }
+
+    /// The same without squares that were given up: what more rays may change.
+    pub(super) fn changeable(&self, least: f64) -> f64 {
+        let Alone { unknown, variance, lost, lost_unknown, .. } = &self.alone;
+        self.likely_error(unknown > lost_unknown, (variance.value() - lost).max(least))
+    }
+
+    fn likely_error(&self, is_unknown: bool, variance: f64) -> f64 {
+        if is_unknown {
             return f64::INFINITY;
         }
         let bend = self.alone.bend.iter().fold(0.0, |most: f64, bend| most.max(bend.value().abs()));
-        DEVIATIONS * self.alone.variance.value().max(least).max(0.0).sqrt() + bend
+        DEVIATIONS * variance.max(0.0).sqrt() + bend
     }
 
     /// What it is off by at most.

@@ -273,8 +273,9 @@ const INTEGRATION: f64 = 1e-9;
 /// The same, of what was gathered before a place and what was in all: what is between is their
 /// difference.
 const GATHERED: f64 = 1e-6;
-/// Relative error of a channel stored as f32.
+/// Relative error of a channel stored as f32, and the least that there is of one that is not 0.
 const STORED: f64 = 6e-8;
+const LEAST: f64 = 1.5e-45;
 
 impl RayError {
     /// All but what a square makes.
@@ -387,7 +388,7 @@ impl RayError {
             pixel_area: mean.min(bound(self.uneven) + twice).min(most) + share * proxies,
             storage: share * storage,
             termination,
-            rounding: (INTEGRATION + STORED) * largest.max(opacity),
+            rounding: rounding(largest.max(opacity)),
         }
     }
 
@@ -410,6 +411,11 @@ impl RayError {
         };
         by_brightest.min(by_light) + self.quadrature
     }
+}
+
+/// What integration, sums and f32 make of a ray's largest channel.
+fn rounding(largest: f64) -> f64 {
+    if largest > 0.0 { (INTEGRATION + STORED) * largest + LEAST } else { 0.0 }
 }
 
 #[cfg(test)]

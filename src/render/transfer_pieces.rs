@@ -293,5 +293,13 @@ mod tests {
         assert_eq!(bound(&[(0.0, 0.0)], &ramp), f64::INFINITY);
         assert_eq!(bound(&ramp, &[(0.0, 1.0)]), f64::INFINITY);
         assert!((bound(&[(0.0, 2.0)], &ramp) - 2.5).abs() < 1e-12);
+        // Emission is as much as absorption, and no colour more than 1, whatever rounding makes of
+        // a constant.
+        let map = ColorTable::Map(ColorMap::named("viridis").unwrap());
+        for points in [&[(0.3, 0.0), (0.3, 100.0)][..], &[(0.3, 0.0), (0.5, 3.0), (1.0, 20.0)]] {
+            let transfer = TransferFunction::from_tables(&table(points), &table(points), &map);
+            let brightest = TransferPieces::new(&transfer, |_| 0.0).brightest();
+            assert!(brightest > 0.9 && brightest < 1.3, "{brightest}");
+        }
     }
 }

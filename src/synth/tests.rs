@@ -242,6 +242,9 @@ fn mistakes_in_recipes_are_named() {
     refused(format!("{}{density}", sound.replace("[1, 1, 1]", "[1, 0, 1]")), "edges along y");
     refused(format!("{}{density}", sound.replace("8, 8, 8", "8, 0, 8")), "root grid has 0 cells");
     refused(format!("{}{density}", sound.replace("8, 8, 8", "4096, 4096, 4096")), "tiles");
+    let many = sound.replace("8, 8, 8", "600, 600, 600");
+    let many = many.replace("[domain]", "[domain]\ntiles = [600, 600, 600]");
+    refused(format!("{many}{density}"), "fewer tiles");
     refused(format!("{sound}{density}[output]\nfields = [\"Metal\"]\n"), "output.fields");
     refused(
         format!("{sound}{density}[refinement]\nmax_level = 40\n[output]\nhierarchy_hdf5 = false\n"),

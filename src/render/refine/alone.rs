@@ -94,7 +94,7 @@ impl Sheet {
         let pixel = usize::from(found.square.pixel);
         let least = if found.square.halvings == 1 { self.variance_around(pixel) } else { 0.0 };
         let pixel = &self.pixels[pixel];
-        pixel.unlikely(least) <= self.room_for_mean(pixel.beside_mean())
+        pixel.changeable(least) <= self.room_for_mean(pixel.beside_mean())
     }
 
     /// How far from their centres rays of a square's quarters are to be, as a part of the way to their
@@ -161,10 +161,10 @@ impl Sheet {
         if !self.waiting.push(*found, urgency, to_do) {
             for least in self.waiting.pop_least_alone() {
                 let weight = grid.weight(&least.square);
-                self.pixels[usize::from(least.square.pixel)].draw(&least, weight);
+                self.pixels[usize::from(least.square.pixel)].give_up(&least, weight);
             }
             if !self.waiting.push(*found, urgency, to_do) {
-                self.pixels[usize::from(found.square.pixel)].draw(found, weight);
+                self.pixels[usize::from(found.square.pixel)].give_up(found, weight);
             }
         }
     }

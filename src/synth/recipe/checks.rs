@@ -6,6 +6,8 @@ use crate::{Error, Result};
 
 /// Most cells of one grid: grids are built in memory.
 const MAX_GRID_CELLS: u128 = 1 << 25;
+/// Most grids of the root level: all of these are listed.
+const MAX_ROOT_GRIDS: u128 = 1 << 20;
 
 impl Recipe {
     /// Refuses what cannot be written.
@@ -69,6 +71,13 @@ impl Recipe {
         if (0..3).any(|a| tiles[a] == 0 || tiles[a] > root[a]) {
             return Err(Error::request(format!(
                 "domain.tiles: {tiles:?} must be 1 up to the root grid's cells {root:?}"
+            )));
+        }
+        let grids: u128 = tiles.iter().map(|count| u128::from(*count)).product();
+        if grids > MAX_ROOT_GRIDS {
+            return Err(Error::request(format!(
+                "domain.tiles: {grids} grids of the root level are more than {MAX_ROOT_GRIDS}: cut it \
+                 into fewer tiles, or ask for a smaller --scale"
             )));
         }
         let cells: u128 = (0..3).map(|a| u128::from(root[a].div_ceil(tiles[a]))).product();
