@@ -5,6 +5,7 @@
 //! [`render`] → [`image`]. The binary's commands stand in [`cli`]; [`synth`] writes test data in the layouts
 //! of simulation codes.
 
+mod allocator;
 pub mod atomic_file;
 pub mod cache;
 pub mod cli;

@@ -25,7 +25,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::{Error, leftovers};
+use crate::{Error, allocator, leftovers};
 
 /// Renders deep adaptive-mesh-refinement simulations within a memory limit.
 #[derive(Debug, Parser)]
@@ -58,6 +58,7 @@ enum Command {
 /// Runs the program on the process' arguments.
 pub fn run() -> ExitCode {
     let arguments = Arguments::parse();
+    allocator::share_among_threads();
     // A panic is a fault of the program; a user gets one line about it all the same.
     panic::set_hook(Box::new(|fault| {
         let place =

@@ -170,9 +170,9 @@ impl Sheet {
                     _ if self.may_hide(harm, bound) => true,
                     0 => {
                         let pixel = usize::from(found.square.pixel);
-                        harm > median && self.stands_out(pixel, bound)
+                        harm > self.little(median) && self.stands_out(pixel, bound)
                     }
-                    _ => harm > SMALL_HARM * median,
+                    _ => harm > self.little(SMALL_HARM * median),
                 };
                 let again = !to_do.quartered && (scouts.is_none() || self.may_shine(bound));
                 let matters = again || scouts.is_none_or(stands_out);

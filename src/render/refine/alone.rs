@@ -205,7 +205,8 @@ impl Sheet {
             let most = STANDS_OUT * harm(whole);
             for quarter in quarters {
                 let (harm, bound) = (harm(quarter), movable(&quarter.shares, care));
-                let is_little = harm <= most.min(median) && !self.may_hide(harm, bound);
+                let little = self.little(most.min(median));
+                let is_little = harm <= little && !self.may_hide(harm, bound);
                 if is_little || quarter.square.halvings >= MOST_HALVINGS {
                     self.conclude(grid, quarter, &marched);
                     continue;

@@ -1,6 +1,6 @@
 //! Whether rays can bring the bounds of pixels' areas within the tolerance.
 
-use super::{Batch, GROUP_PIXELS, Sheet, movable};
+use super::{Batch, GROUP_PIXELS, Goal, Sheet, movable};
 use crate::render::rays::PixelGrid;
 use crate::render::waiting::Found;
 
@@ -13,6 +13,11 @@ const SLOWEST: f64 = 0.05;
 /// Bounds of this many times the light that was expected say that something may shine that has not
 /// been seen.
 const UNSEEN: f64 = 10.0;
+
+/// What a square may do to its pixel without being scouted, as a part of the tolerance; and as a part of
+/// the light that was expected, since pixels without a certificate come no closer.
+const LITTLE: f64 = 0.25;
+const LITTLE_OF_LIGHT: f64 = 1e-4;
 
 /// The pixels that are being refined.
 #[derive(Debug, Clone, Copy)]
@@ -72,6 +77,13 @@ impl Sheet {
     /// only in what rays are off by that are marched with care, through finer levels.
     pub(super) fn may_shine(&self, bound: f64) -> bool {
         self.goal.is_some_and(|goal| bound > UNSEEN * goal.behind)
+    }
+
+    /// Harm that need not be scouted for, where others do so much: a part of the tolerance at least.
+    pub(super) fn little(&self, others: f64) -> f64 {
+        let little =
+            |goal: Goal| (LITTLE * goal.tolerance).max(LITTLE_OF_LIGHT * goal.behind).max(others);
+        self.goal.map_or(others, little)
     }
 
     /// Whether a square of which so much is known may hold something that shines, and that matters to
