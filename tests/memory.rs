@@ -135,6 +135,28 @@ fn many_fields_large_bricks_and_many_threads_stay_below_the_limit_or_are_refused
     assert!(peak <= LIMIT, "{peak}");
 }
 
+/// Threads let go of what others have made; the resident set must not grow by that.
+#[test]
+fn many_threads_and_fields_stay_resident_below_the_limit() {
+    const LIMIT: u64 = 128 << 20;
+    let _alone = ALONE.lock().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let output = output(0.16, folder.path());
+    let (cache, stats) = (folder.path().join("many.dfc"), folder.path().join("stats.json"));
+    let mut command = Command::new(env!("CARGO_BIN_EXE_deepfield"));
+    command.args(["ingest", "--memory=128MiB", "--brick=16", "--threads=16"]);
+    command.arg(&output).arg("-o").arg(&cache).arg("--stats").arg(&stats);
+    for n in 1..=48 {
+        command.args(["--derive", &format!("f{n}=Density*{n}.5")]);
+    }
+    let ended = command.output().unwrap();
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+    let stats: serde_json::Value = serde_json::from_slice(&std::fs::read(stats).unwrap()).unwrap();
+    let Some(peak) = stats["peak_rss_bytes"].as_u64() else { return };
+    eprintln!("49 fields, 16 threads: {peak}");
+    assert!(peak <= LIMIT + ITSELF as u64, "{peak}");
+}
+
 /// The program with no more address space than `bytes`. The system's allocator would reserve far
 /// more for each thread than it uses, so threads share one arena.
 fn confined(bytes: usize, words: &[&str]) -> std::process::Output {

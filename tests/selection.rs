@@ -93,6 +93,23 @@ impl Set {
         usize::from(stats["bricks_skipped_resolution"].as_u64() > Some(0))
     }
 
+    /// Bytes that a picture of all of the set reads within `tolerance`, bricks that were loaded for it,
+    /// and its pixels.
+    fn read_within(&self, cache: &Path, tolerance: &str) -> (u64, u64, Vec<[f32; 4]>) {
+        let scene = "[image]\nwidth = 32\nheight = 24\n[camera]\nposition = [0.45, 0.4, -1.2]\n\
+                     look_at = [0.45, 0.45, 0.4]\n[render]\nsamples = 1\n[[volume]]\nfield = \"density\"\n";
+        let scene = written(self.folder.path(), "scene.toml", scene);
+        let [picture, stats] = ["picture.exr", "stats.json"].map(|n| self.folder.path().join(n));
+        let options = [&"--tolerance" as &dyn AsRef<_>, &tolerance, &"--stats", &stats];
+        let arguments = [&"render" as &dyn AsRef<_>, &cache, &scene, &"-o", &picture];
+        run(&[&arguments[..], &options].concat()).done();
+        let stats: Value = serde_json::from_slice(&std::fs::read(stats).unwrap()).unwrap();
+        let bound = stats["error_bound"].as_f64().unwrap();
+        assert!(tolerance == "0" || bound <= stats["tolerance"].as_f64().unwrap(), "{stats}");
+        let count = |name: &str| stats[name].as_u64().unwrap();
+        (count("bytes_read"), count("bricks_loaded"), support::read_exr(&picture).unwrap().2)
+    }
+
     fn pixels(&self, cache: &Path, volume: &str) -> Vec<[f32; 4]> {
         let scene = format!(
             "[image]\nwidth = 24\nheight = 24\n[camera]\nposition = [0.45, 0.4, -1.2]\n\
@@ -112,6 +129,25 @@ fn number(facts: &Value, key: &str) -> f64 {
 
 fn close(found: f64, expected: f64, tolerance: f64) {
     assert!((found - expected).abs() <= tolerance * expected.abs(), "{found}, not {expected}");
+}
+
+#[test]
+fn tolerances_read_as_many_digits_as_they_need() {
+    let set = Set::new("small");
+    let cache = set.ingest("whole", &["--brick=8"]);
+    let (all, bricks, exact) = set.read_within(&cache, "0");
+    let largest = exact.iter().flatten().copied().fold(0.0, f32::max);
+    let read = ["10%", "0.5%", "0.001%"].map(|tolerance| {
+        let (bytes, loaded, pixels) = set.read_within(&cache, tolerance);
+        let off = pixels.iter().flatten().zip(exact.iter().flatten()).map(|(a, b)| (a - b).abs());
+        let off = off.fold(0.0, f32::max) / largest;
+        let part: f32 = tolerance.trim_end_matches('%').parse().unwrap();
+        assert!(off <= 0.01 * part, "{off:e} within {tolerance}");
+        bytes as f64 / loaded as f64
+    });
+    let each = all as f64 / bricks as f64;
+    eprintln!("bytes a brick within 10 %, 0.5 % and 0.001 %: {read:?}, exact {each}");
+    assert!(read[0] < 0.5 * each && read[0] < read[1] && read[1] < read[2]);
 }
 
 #[test]

@@ -16,8 +16,10 @@ import numpy as np
 from xxhash import xxh3_64_intdigest as digest
 from zstandard import ZstdDecompressor
 
-PAGE, NODE, FIELD = 65536, struct.Struct("<QQQIIIBBBB"), struct.Struct("<QQIffffffBBBB")
+PAGE, NODE, FIELD = 65536, struct.Struct("<QQQIIIBBBB"), struct.Struct("<4Q3I8f4B")
 EXISTS, REFINED, VOID = 1, 2, 4
+# Bytes of a cell in each part of a payload.
+PARTS = 3, 1, 1
 
 
 def need(condition, reason):
@@ -47,7 +49,7 @@ class Numbers:
 def read_header(data):
     """The header as a dictionary, and its length."""
     magic, version, length, checksum = struct.unpack_from("<8sIIQ", data)
-    need(magic == b"\x89DFC\r\n\x1a\n" and version == 3, "no cache of version 3")
+    need(magic == b"\x89DFC\r\n\x1a\n" and version == 4, "no cache of version 4")
     need(digest(data[24:length]) == checksum, "the header is damaged")
     body = Numbers(data[24:length])
     names = "file_bytes index_offset index_pages page_table_checksum".split()
@@ -101,29 +103,55 @@ def check_tree(records):
         need(depth == max((1 + c[7] for c in children), default=0), f"brick {number}: depth")
         need(leaf == existing - refined, f"brick {number}: leaf cells")
         for _, children in records[first : first + len(octants)]:
-            void = (c[9] & 8 <= f[9] & 8 for c, f in zip(children, fields))
+            void = (c[15] & 8 <= f[15] & 8 for c, f in zip(children, fields))
             need(all(void), f"brick {number}: a child fills void")
 
 
 def decode(data, number, field, record, edge):
     """States and values of one payload: all blocks, and the side of the first and the last."""
     seed = (number * 0x9E3779B97F4A7C15 & 0xFFFFFFFFFFFFFFFF) ^ field
-    payload = data[record[0] : record[0] + record[2]]
-    need(digest(payload, seed=seed) == record[1], f"brick {number}: payload is damaged")
-    sides = [max(edge >> up, 1) + 2 for up in range(record[10] + 1)]
-    cells = sum(side**3 for side in sides)
-    raw = ZstdDecompressor().decompress(payload, max_output_size=5 * cells)
-    need(len(raw) == 5 * cells, f"brick {number}: payload has another length")
-    states = np.frombuffer(raw, np.uint8, cells)
-    planes = np.frombuffer(raw, np.uint8, 4 * cells, cells).reshape(4, cells)
-    return states, np.ascontiguousarray(planes.T).view("<f4").ravel(), sides
+    sides = [max(edge >> up, 1) + 2 for up in range(record[16] + 1)]
+    cells, begin, raw = sum(side**3 for side in sides), 0, []
+    for part, (each, checksum, end) in enumerate(zip(PARTS, record[1:4], record[4:7])):
+        need(begin <= end, f"brick {number}: parts out of order")
+        stored, begin = data[record[0] + begin : record[0] + end], end
+        if stored:
+            need(digest(stored, seed=seed ^ part << 32) == checksum, f"brick {number}: damaged")
+            raw.append(ZstdDecompressor().decompress(stored, max_output_size=each * cells))
+        else:
+            need(part and not checksum, f"brick {number}: a part is missing")
+            raw.append(bytes(cells))
+        need(len(raw[-1]) == each * cells, f"brick {number}: payload has another length")
+    states = np.frombuffer(raw[0], np.uint8, cells)
+    high = np.frombuffer(raw[0], np.uint8, 2 * cells, cells).reshape(2, cells)
+    low = [np.frombuffer(plane, np.uint8) for plane in reversed(raw[1:])]
+    carried = np.ascontiguousarray(np.stack([*low, *high]).T).view("<u4").ravel()
+    values = [uncarry(carried & ~np.uint32(kept), carried) for kept in (0xFFFF, 0xFF, 0)]
+    check_errors(number, record, states, values)
+    return states, values[-1], sides
+
+
+def uncarry(kept, carried):
+    """Values of the bits that are kept: lower bytes of which the first bit is set are negative."""
+    half = kept - ((kept & np.uint32(0x8000)) << np.uint32(1))
+    return (half - ((half & np.uint32(0x80)) << np.uint32(1))).view("<f4")
+
+
+def check_errors(number, record, states, values):
+    """What values in fewer digits are off by."""
+    short, medium, full = (v[states & EXISTS > 0].astype(float) for v in values)
+    for said, rounded, end in zip(record[13:15], (short, medium), (record[4:6], record[5:7])):
+        rounded, limit = np.nan_to_num(rounded, nan=0.0), np.finfo("f4").max
+        off = np.abs(np.clip(rounded, -limit, limit) - np.nan_to_num(full, nan=0.0))
+        need((off <= said * np.abs(full))[~np.isnan(full)].all(), f"brick {number}: rounding")
+        need((said > 0) == (end[0] < end[1]), f"brick {number}: a part too many, or too few")
 
 
 def check_cells(number, node, record, edge, states, values, sides):
     """Range, completeness, counts and children of one payload."""
     first, last = sides[0], sides[-1]
-    held, nan = values[states & EXISTS > 0], bool(record[9] & 2)
-    sound = (record[3] <= held) & (held <= record[4]) | (nan & np.isnan(held))
+    held, nan = values[states & EXISTS > 0], bool(record[15] & 2)
+    sound = (record[7] <= held) & (held <= record[8]) | (nan & np.isnan(held))
     need(sound.all(), f"brick {number}: a value lies outside its range")
     need(states[-(last**3) :].all(), f"brick {number}: its last block has holes")
     own = states[: first**3].reshape((first,) * 3)[1:-1, 1:-1, 1:-1]
@@ -152,14 +180,14 @@ def main():
     check_tree(records)
     for number, (node, fields) in enumerate(records):
         for field, record in enumerate(fields):
-            need(bool(record[9] & 1) == (record[2] == 0), f"brick {number}: void and stored")
-            if record[2]:
+            need(bool(record[15] & 1) == (record[6] == 0), f"brick {number}: void and stored")
+            if record[6]:
                 states, values, sides = decode(data, number, field, record, edge)
                 check_cells(number, node, record, edge, states, values, sides)
                 fills = len(sides) > 1 and is_filled(states, sides)
-                says = records[node[1]][1][field][9] & 8
+                says = records[node[1]][1][field][15] & 8
                 need(says or not fills, f"brick {node[1]}: fills void without saying so")
-                end += record[2]
+                end += record[6]
     padding = data[end : header["index_offset"]]
     need(len(padding) < PAGE and not any(padding), "bytes between payloads and index")
     print(f"sound: {len(records)} bricks, {header['index_pages']} pages, {len(data)} bytes")

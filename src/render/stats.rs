@@ -58,8 +58,8 @@ pub struct Stats {
     pub bricks_in_view: u64,
     /// Bricks that were loaded, each counted once.
     pub bricks_loaded: u64,
-    /// Loads of bricks that had been loaded before: given up for others, or loaded for the small
-    /// picture that a tolerance begins with.
+    /// Loads of bricks that had been loaded before: given up for others, or in fewer digits, as for the
+    /// small picture that a tolerance begins with.
     pub bricks_reloaded: u64,
     /// Bricks in view whose space in view bricks beneath them draw.
     pub bricks_covered: u64,
