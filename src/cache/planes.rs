@@ -60,8 +60,8 @@ pub fn join_short([c, d]: [&[u8]; 2], values: &mut [f32]) {
     }
 }
 
-/// Bounds of the relative differences of finite values rounded to 16 bits, and to 24: for normal ones by
-/// no more than twice. Infinity counts as the largest number.
+/// Bounds of the relative differences of finite values rounded to 16 bits, and to 24: for normal ones no
+/// more than twice the largest. Infinity counts as the largest number.
 pub(super) fn rounding_errors(values: &[f32]) -> [f32; 2] {
     let (mut of_half, mut of_byte, mut subnormal) = (0, 0, false);
     // Without an end or a branch: several values at a time.

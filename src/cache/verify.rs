@@ -149,10 +149,10 @@ impl Check<'_> {
             let (decoder, brick) = (&mut self.decoder, &mut self.brick);
             let (records, precision) = ((node, node_record), Precision::Full);
             self.cache.read_brick(records, (field, &record), precision, decoder, brick)?;
-            let errors = self.brick.rounding_errors();
-            if errors.iter().zip(record.errors).any(|(found, said)| *found > said) {
+            if self.brick.rounding_errors() != record.errors {
                 let place = self.cache.path().display();
-                let reason = format!("brick {node}'s rounded values are off by more than it says");
+                let reason =
+                    format!("brick {node}'s rounded values are off by more or less than it says");
                 return Err(Error::invalid(place, reason));
             }
             self.cache.check_place(node, field, &self.cursor.place(node)?, &self.brick)?;

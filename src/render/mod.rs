@@ -113,7 +113,8 @@ use crate::paging::{Budget, Counters, Pool, peak_rss_bytes};
 use crate::scene::{Samples, Scene, Tolerance};
 use crate::{Error, Result};
 
-/// How a picture is made, beside what it shows. The picture depends on none of it but `fixed`.
+/// How a picture is made, beside what it shows. The picture depends on none of it but `fixed`, and on
+/// `resident` within its tolerance.
 #[derive(Clone, Copy)]
 pub struct RenderOptions<'o> {
     /// The memory limit of the whole process, bytes.

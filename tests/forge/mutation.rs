@@ -2,7 +2,7 @@
 
 use super::anatomy::{Anatomy, Kind, Number, PAGE, word};
 use super::noise::Noise;
-use super::payload::{compress, compress_parts, raw_parts};
+use super::payload::{compress, compress_parts, raw_parts, rounding_errors};
 
 /// What must come of a damaged cache.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -170,7 +170,8 @@ impl Sound {
 
     fn with_raw(&self, place: (usize, usize), raw: &[u8]) -> Vec<u8> {
         let parts = compress_parts(raw);
-        self.anatomy.with_payload(&self.bytes, place, parts.each_ref().map(Vec::as_slice))
+        let parts = parts.each_ref().map(Vec::as_slice);
+        self.anatomy.with_payload(&self.bytes, place, (parts, rounding_errors(raw)))
     }
 
     /// Cells in another state: all of those in the brick itself are counted in the index.
@@ -242,7 +243,7 @@ impl Sound {
             _ => [compress(raw), compress(raw)].concat(),
         };
         let parts = parts.each_ref().map(Vec::as_slice);
-        let bytes = self.anatomy.with_payload(&self.bytes, place, parts);
+        let bytes = self.anatomy.with_payload(&self.bytes, place, (parts, [1.0; 2]));
         Damaged { what: "payload's shape".into(), bytes, expected: Expected::Found }
     }
 
@@ -257,7 +258,7 @@ impl Sound {
             parts[part] = &damaged;
         }
         let place = self.some_payload(noise);
-        let bytes = self.anatomy.with_payload(&self.bytes, place, parts);
+        let bytes = self.anatomy.with_payload(&self.bytes, place, (parts, [1.0; 2]));
         Damaged { what: "payload spliced".into(), bytes, expected: Expected::Sound }
     }
 

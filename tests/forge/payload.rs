@@ -48,7 +48,7 @@ impl Anatomy {
         &self,
         bytes: &[u8],
         (node, field): (usize, usize),
-        parts: [&[u8]; 3],
+        (parts, errors): ([&[u8]; 3], [f32; 2]),
     ) -> Vec<u8> {
         let stored = &parts.concat()[..];
         let record = self.payload_record(node, field);
@@ -75,8 +75,7 @@ impl Anatomy {
             length += stored.len();
             put(record + ENDS + 4 * part, length as u64, 4);
             if let Some(before) = part.checked_sub(1) {
-                // No value is off by more than all of it.
-                let error = if stored.is_empty() { 0.0_f32 } else { 1.0 };
+                let error = if stored.is_empty() { 0.0 } else { errors[before] };
                 put(record + ERRORS + 4 * before, error.to_bits().into(), 4);
             }
         }
@@ -119,6 +118,24 @@ impl Anatomy {
 /// Compressed as the program does.
 pub(crate) fn compress(raw: &[u8]) -> Vec<u8> {
     zstd::bulk::compress(raw, 3).unwrap()
+}
+
+/// What a raw payload's values are off by without its last parts.
+pub(crate) fn rounding_errors(raw: &[u8]) -> [f32; 2] {
+    let cells = raw.len() / BYTES_PER_CELL.iter().sum::<usize>();
+    let byte = |cell: usize, plane: usize| i64::from(raw[plane * cells + cell]);
+    let signed = |byte: i64| if byte < 128 { byte } else { byte - 256 };
+    let (mut most, mut subnormal) = ([0; 2], false);
+    for cell in 0..cells {
+        // The lowest byte, and the one above it, which has taken its carry.
+        let (low, middle) = (signed(byte(cell, 4)), signed(byte(cell, 3)));
+        most = [most[0].max((256 * middle + low).abs()), most[1].max(low.abs())];
+        let bits = (byte(cell, 2) << 24) + (byte(cell, 1) << 16) + 256 * middle + low;
+        let magnitude = bits & 0x7fff_ffff;
+        subnormal |= (1..1 << 23).contains(&magnitude);
+    }
+    let relative = |off: i64| off as f32 / (1 << 23) as f32;
+    most.map(|off| if subnormal && off > 0 { 1.0 } else { relative(off) })
 }
 
 /// A raw payload's parts, as they are.
