@@ -6,9 +6,14 @@
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 const ARENAS: libc::c_int = 2;
 
-/// Has threads share what they free. Call it before any other thread is started.
+/// Has threads share what they free, unless the user has said in how many arenas. Call it before any
+/// other thread is started.
 #[allow(unsafe_code)]
 pub(crate) fn share_among_threads() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    if std::env::var_os("MALLOC_ARENA_MAX").is_some() {
+        return;
+    }
     // SAFETY: `mallopt` takes two numbers and has no other conditions; what it refuses changes nothing.
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     unsafe {
