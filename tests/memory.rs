@@ -152,7 +152,10 @@ fn many_threads_and_fields_stay_resident_below_the_limit() {
     let ended = command.output().unwrap();
     assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
     let stats: serde_json::Value = serde_json::from_slice(&std::fs::read(stats).unwrap()).unwrap();
-    let Some(peak) = stats["peak_rss_bytes"].as_u64() else { return };
+    let Some(peak) = stats["peak_rss_bytes"].as_u64() else {
+        eprintln!("skipped: this system does not say how much memory is resident");
+        return;
+    };
     eprintln!("49 fields, 16 threads: {peak}");
     assert!(peak <= LIMIT + ITSELF as u64, "{peak}");
 }

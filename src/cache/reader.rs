@@ -114,7 +114,8 @@ impl Cache {
     }
 
     /// Reads brick `node`'s payload of field `field` into `brick`, checked against its checksum,
-    /// its records and the tree; of values in fewer digits only what tells these. Says how long the file took.
+    /// its records and the tree; of values in fewer digits only what tells these. Says how long the
+    /// file took.
     ///
     /// # Errors
     /// A payload that cannot be read, is damaged, or contradicts its records.

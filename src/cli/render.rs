@@ -14,7 +14,7 @@ use crate::atomic_file::AtomicFile;
 use crate::cache::{Cache, Cursor};
 use crate::image::{Format, write_exr, write_png};
 use crate::render::stats::Stats;
-use crate::render::{FixedSetting, RenderOptions, Rendered, render};
+use crate::render::{EXACT, FixedSetting, RenderOptions, Rendered, render};
 use crate::scene::{MAX_SAMPLES_PER_AXIS, Samples, Scene, Tolerance};
 
 #[derive(Debug, Args)]
@@ -98,9 +98,6 @@ fn parse_fixed(text: &str) -> Result<FixedSetting, String> {
          ACCURACY ≥ 0, as in `1,3,0.001`"
     ))
 }
-
-/// What exact pictures are converged to, relative to their largest value.
-const EXACT: f64 = 1e-6;
 
 /// Says so where the tolerance is not kept.
 fn warn_of_bound(stats: &Stats, largest: f64) {

@@ -17,7 +17,7 @@ use crate::atomic_file::AtomicFile;
 use crate::cache::{Encoder, FieldRecord, Header, NodeRecord, Payload, RawBrick, Writer};
 use crate::{Error, Result};
 
-/// A brick ready to be written: its records, and each field's payload (empty: none).
+/// A brick ready to be written: its records, and each field's payload, where it has one.
 struct Finished {
     draft: Draft,
     payloads: Vec<Option<Payload>>,

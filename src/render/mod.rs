@@ -113,6 +113,9 @@ use crate::paging::{Budget, Counters, Pool, peak_rss_bytes};
 use crate::scene::{Samples, Scene, Tolerance};
 use crate::{Error, Result};
 
+/// What exact pictures are converged to, relative to their largest value.
+pub const EXACT: f64 = 1e-6;
+
 /// How a picture is made, beside what it shows. The picture depends on none of it but `fixed`, and on
 /// `resident` within its tolerance.
 #[derive(Clone, Copy)]

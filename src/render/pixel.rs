@@ -422,6 +422,29 @@ mod tests {
     }
 
     #[test]
+    fn what_is_given_up_is_likely_as_before_and_no_longer_changeable() {
+        let rough = Unevenness { spread: 0.5, slope: 0.0, bend: [0.0; 4], edges: [0; 4] };
+        let quarters = whole()
+            .quarters()
+            .map(|quarter| Found { uneven: Some(rough), ..found(quarter, |_| 1.0) });
+        let mut pixel = Pixel::default();
+        pixel.leave(&found(whole(), |_| 1.0), 1.0);
+        pixel.learn(&found(whole(), |_| 1.0), &[rough; 4], 1.0, &ErrorShares::default());
+        let likely = pixel.unlikely(0.0);
+        assert!((likely - DEVIATIONS * 0.25).abs() < 1e-9 && pixel.changeable(0.0) == likely);
+        quarters[..3].iter().for_each(|quarter| pixel.give_up(quarter, 0.25));
+        assert_eq!(pixel.unlikely(0.0), likely);
+        assert!((pixel.changeable(0.0) - 0.5 * likely).abs() < 1e-9);
+        assert_eq!(pixel.value, [0.75; 4]);
+        // Of what is not known at all.
+        let mut pixel = Pixel::default();
+        pixel.leave(&found(whole(), |_| 1.0), 1.0);
+        assert_eq!(pixel.changeable(0.0), f64::INFINITY);
+        pixel.give_up(&found(whole(), |_| 1.0), 1.0);
+        assert_eq!((pixel.changeable(0.0), pixel.unlikely(0.0)), (0.0, f64::INFINITY));
+    }
+
+    #[test]
     fn what_is_bright_leaves_nothing_behind_once_it_is_known() {
         let mut pixel = Pixel::default();
         let bright = |spread| Unevenness { spread, slope: 0.0, bend: [-spread; 4], edges: [0; 4] };

@@ -20,7 +20,7 @@ use super::transfer_pieces::{PieceList, TransferPieces};
 use super::transfer_table::TransferTable;
 use super::tree_walk::{FieldIndex, Scenery, Walk};
 use super::view::View;
-use super::{FixedSetting, RenderOptions, largest_value};
+use super::{EXACT, FixedSetting, RenderOptions, largest_value};
 use crate::Result;
 use crate::cache::{Cache, Header};
 use crate::image::Film;
@@ -64,8 +64,6 @@ const FIRST_TRY: f64 = 0.9;
 const SURE: f64 = 0.97;
 /// Attempts at tiles that turn out to need a smaller tolerance.
 const ATTEMPTS: u32 = 12;
-/// What exact pictures are converged to, relative to their largest value.
-const EXACT: f64 = 1e-6;
 /// Rays for each of the pixels that an outlook is taken from.
 const OUTLOOK_RAYS: u64 = 5;
 

@@ -116,8 +116,8 @@ impl Thinner {
         at
     }
 
-    /// `brick` of a key, which was surveyed, in the fewest cells by which light is off by so little, in any
-    /// group, that `fits` says so; and how often it was halved. None where it was not.
+    /// `brick` of a key, which was surveyed, in the fewest cells by which light is off by so little, in
+    /// any group, that `fits` says so; and how often it was halved. None where it was not.
     pub(super) fn thin(
         &mut self,
         (key, brick): (u64, &ScaledBrick),

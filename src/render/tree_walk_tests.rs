@@ -33,7 +33,7 @@ impl Tree {
         let shading = Shading::new(&scene.volume, scene.render.interpolation, &header).unwrap();
         let transfer = TransferPieces::new(&shading.transfer, |_| 0.0);
         let scenery = Scenery {
-            rounds: false,
+            rounds: true,
             header: &header,
             view: &view,
             pixels: &pixels,
@@ -251,4 +251,30 @@ fn the_cut_by_error_goes_from_all_to_nothing() {
     let (bare, veiled) = (drawn(1.0), drawn(0.25));
     assert!(bare.is_sorted() && bare[0] < bare[3] && bare[3] < bare[6], "{bare:?}");
     assert_eq!(veiled[2..], bare[..5]);
+}
+
+#[test]
+fn digits_follow_the_limit_and_are_the_same_in_all_windows() {
+    let tree = tree(&[0xff, 0b1011_0111], 5);
+    let scene = scene("samples = 1", 24, 24);
+    let digits = |cut: &Cut, window: Option<PixelRect>| {
+        let steps = tree.walk(&scene, cut, window).0.into_iter();
+        steps.map(|step| (step.request.node, step.request.precision)).collect::<Vec<_>>()
+    };
+    assert!(digits(&Cut::FullDepth, None).iter().all(|step| step.1 == Precision::Full));
+    let short = FootprintCut::new(0.0, &scene, &domain(), BrickShape::new(8).unwrap()).unwrap();
+    let short = digits(&Cut::Footprint(short.in_short()), None);
+    assert!(short.iter().all(|step| step.1 == Precision::Short));
+    let all = [1e-9, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1].map(|limit| digits(&by_error(limit), None));
+    let count = |steps: &[(u64, Precision)], precision| {
+        steps.iter().filter(|step| step.1 == precision).count() as f64 / steps.len() as f64
+    };
+    let parts = |precision| all.each_ref().map(|steps| count(steps, precision));
+    let (short, full) = (parts(Precision::Short), parts(Precision::Full));
+    assert!(short.is_sorted() && short[0] == 0.0 && short[6] == 1.0, "{short:?}");
+    assert!(full.iter().rev().is_sorted() && full[0] == 1.0 && full[6] == 0.0, "{full:?}");
+    assert!(all.iter().any(|steps| count(steps, Precision::Medium) > 0.0));
+    let whole = digits(&by_error(1e-3), None);
+    let window = PixelRect { lo: [3, 5], hi: [17, 9] };
+    assert!(digits(&by_error(1e-3), Some(window)).iter().all(|step| whole.contains(step)));
 }
