@@ -16,7 +16,7 @@ import numpy as np
 from xxhash import xxh3_64_intdigest as digest
 from zstandard import ZstdDecompressor
 
-PAGE, NODE, FIELD = 65536, struct.Struct("<QQQIIIBBBB"), struct.Struct("<4Q3I8f4B")
+PAGE, NODE, FIELD = 65536, struct.Struct("<QQQIIIBBBB"), struct.Struct("<6Q3I8f4B")
 EXISTS, REFINED, VOID = 1, 2, 4
 # Bytes of a cell in each part of a payload.
 PARTS = 3, 1, 1
@@ -49,7 +49,7 @@ class Numbers:
 def read_header(data):
     """The header as a dictionary, and its length."""
     magic, version, length, checksum = struct.unpack_from("<8sIIQ", data)
-    need(magic == b"\x89DFC\r\n\x1a\n" and version == 4, "no cache of version 4")
+    need(magic == b"\x89DFC\r\n\x1a\n" and version == 5, "no cache of version 5")
     need(digest(data[24:length]) == checksum, "the header is damaged")
     body = Numbers(data[24:length])
     names = "file_bytes index_offset index_pages page_table_checksum".split()
@@ -103,23 +103,23 @@ def check_tree(records):
         need(depth == max((1 + c[7] for c in children), default=0), f"brick {number}: depth")
         need(leaf == existing - refined, f"brick {number}: leaf cells")
         for _, children in records[first : first + len(octants)]:
-            void = (c[15] & 8 <= f[15] & 8 for c, f in zip(children, fields))
+            void = (c[17] & 8 <= f[17] & 8 for c, f in zip(children, fields))
             need(all(void), f"brick {number}: a child fills void")
 
 
 def decode(data, number, field, record, edge):
     """States and values of one payload: all blocks, and the side of the first and the last."""
     seed = (number * 0x9E3779B97F4A7C15 & 0xFFFFFFFFFFFFFFFF) ^ field
-    sides = [max(edge >> up, 1) + 2 for up in range(record[16] + 1)]
-    cells, begin, raw = sum(side**3 for side in sides), 0, []
-    for part, (each, checksum, end) in enumerate(zip(PARTS, record[1:4], record[4:7])):
-        need(begin <= end, f"brick {number}: parts out of order")
-        stored, begin = data[record[0] + begin : record[0] + end], end
+    sides = [max(edge >> up, 1) + 2 for up in range(record[18] + 1)]
+    cells, raw = sum(side**3 for side in sides), []
+    parts = zip(PARTS, record[:3], record[3:6], record[6:9])
+    for part, (each, offset, checksum, length) in enumerate(parts):
+        stored = data[offset : offset + length]
         if stored:
             need(digest(stored, seed=seed ^ part << 32) == checksum, f"brick {number}: damaged")
             raw.append(ZstdDecompressor().decompress(stored, max_output_size=each * cells))
         else:
-            need(part and not checksum, f"brick {number}: a part is missing")
+            need(part and not checksum and not offset, f"brick {number}: a part is missing")
             raw.append(bytes(cells))
         need(len(raw[-1]) == each * cells, f"brick {number}: payload has another length")
     states = np.frombuffer(raw[0], np.uint8, cells)
@@ -140,18 +140,18 @@ def uncarry(kept, carried):
 def check_errors(number, record, states, values):
     """What values in fewer digits are off by."""
     short, medium, full = (v[states & EXISTS > 0].astype(float) for v in values)
-    for said, rounded, end in zip(record[13:15], (short, medium), (record[4:6], record[5:7])):
+    for said, rounded, length in zip(record[15:17], (short, medium), record[7:9]):
         rounded, limit = np.nan_to_num(rounded, nan=0.0), np.finfo("f4").max
         off = np.abs(np.clip(rounded, -limit, limit) - np.nan_to_num(full, nan=0.0))
         need((off <= said * np.abs(full))[~np.isnan(full)].all(), f"brick {number}: rounding")
-        need((said > 0) == (end[0] < end[1]), f"brick {number}: a part too many, or too few")
+        need((said > 0) == (length > 0), f"brick {number}: a part too many, or too few")
 
 
 def check_cells(number, node, record, edge, states, values, sides):
     """Range, completeness, counts and children of one payload."""
     first, last = sides[0], sides[-1]
-    held, nan = values[states & EXISTS > 0], bool(record[15] & 2)
-    sound = (record[7] <= held) & (held <= record[8]) | (nan & np.isnan(held))
+    held, nan = values[states & EXISTS > 0], bool(record[17] & 2)
+    sound = (record[9] <= held) & (held <= record[10]) | (nan & np.isnan(held))
     need(sound.all(), f"brick {number}: a value lies outside its range")
     need(states[-(last**3) :].all(), f"brick {number}: its last block has holes")
     own = states[: first**3].reshape((first,) * 3)[1:-1, 1:-1, 1:-1]
@@ -180,14 +180,14 @@ def main():
     check_tree(records)
     for number, (node, fields) in enumerate(records):
         for field, record in enumerate(fields):
-            need(bool(record[15] & 1) == (record[6] == 0), f"brick {number}: void and stored")
+            need(bool(record[17] & 1) == (record[6] == 0), f"brick {number}: void and stored")
             if record[6]:
                 states, values, sides = decode(data, number, field, record, edge)
                 check_cells(number, node, record, edge, states, values, sides)
                 fills = len(sides) > 1 and is_filled(states, sides)
-                says = records[node[1]][1][field][15] & 8
+                says = records[node[1]][1][field][17] & 8
                 need(says or not fills, f"brick {node[1]}: fills void without saying so")
-                end += record[6]
+                end += sum(record[6:9])
     padding = data[end : header["index_offset"]]
     need(len(padding) < PAGE and not any(padding), "bytes between payloads and index")
     print(f"sound: {len(records)} bricks, {header['index_pages']} pages, {len(data)} bytes")

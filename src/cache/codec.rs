@@ -36,10 +36,8 @@ const BYTES_PER_CELL: [usize; PARTS] = [3, 1, 1];
 /// A payload as it is stored.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Payload {
-    /// All parts.
-    pub bytes: Vec<u8>,
-    /// Where each ends. Where values are exact without it, a part is empty.
-    pub ends: [usize; PARTS],
+    /// Its parts. Where values are exact without it, one is empty.
+    pub parts: [Vec<u8>; PARTS],
     /// Largest relative difference of a value in short, and in medium precision.
     pub errors: [f32; PARTS - 1],
 }
@@ -48,7 +46,7 @@ pub struct Payload {
 pub struct Encoder {
     context: zstd::bulk::Compressor<'static>,
     raw: Vec<u8>,
-    part: Vec<u8>,
+    stored: Vec<u8>,
 }
 
 impl Encoder {
@@ -58,7 +56,7 @@ impl Encoder {
     /// What the codec says when it cannot be set up.
     pub fn new() -> std::io::Result<Self> {
         let context = zstd::bulk::Compressor::new(COMPRESSION_LEVEL)?;
-        Ok(Self { context, raw: Vec::new(), part: Vec::new() })
+        Ok(Self { context, raw: Vec::new(), stored: Vec::new() })
     }
 
     /// The stored form of `brick`. All NaN become one.
@@ -73,14 +71,12 @@ impl Encoder {
             let raw = &self.raw[begin..begin + bytes * cells];
             begin += raw.len();
             if part == 0 || payload.errors[part - 1] > 0.0 {
-                self.part.clear();
-                self.part.reserve(zstd::zstd_safe::compress_bound(raw.len()));
-                self.context.compress_to_buffer(raw, &mut self.part)?;
+                self.stored.clear();
+                self.stored.reserve(zstd::zstd_safe::compress_bound(raw.len()));
+                self.context.compress_to_buffer(raw, &mut self.stored)?;
                 // What is kept takes no more room than it needs.
-                payload.bytes.reserve_exact(self.part.len());
-                payload.bytes.extend_from_slice(&self.part);
+                payload.parts[part] = self.stored.as_slice().to_vec();
             }
-            payload.ends[part] = payload.bytes.len();
         }
         Ok(payload)
     }
@@ -108,7 +104,7 @@ impl Encoder {
 /// Decompresses payloads; holds the codec's context and buffers for one thread.
 pub struct Decoder {
     context: zstd::bulk::Decompressor<'static>,
-    pub(super) stored: Vec<u8>,
+    pub(super) stored: [Vec<u8>; PARTS],
     raw: [Vec<u8>; PARTS],
 }
 
@@ -130,24 +126,19 @@ impl Decoder {
         (shape.payload_bytes(blocks) + stored) as u64 + (192 << 10)
     }
 
-    /// Decodes `self.stored`, in which parts end at `ends`, into `brick`; parts beyond its length are
-    /// left out. The reason where it is not `blocks` blocks of `shape`.
+    /// Decodes `self.stored` into `brick`; empty parts but the first are left out. The reason where it
+    /// is not `blocks` blocks of `shape`.
     pub(super) fn decode(
         &mut self,
         (shape, blocks): (BrickShape, usize),
-        ends: [usize; PARTS],
         brick: &mut RawBrick,
     ) -> Result<(), &'static str> {
         let cells = shape.cells_in_blocks(blocks);
-        let mut begin = 0;
-        for (part, raw) in self.raw.iter_mut().enumerate() {
-            let end = ends[part].clamp(begin, self.stored.len());
+        for (part, (stored, raw)) in self.stored.iter().zip(&mut self.raw).enumerate() {
             raw.clear();
-            if part == 0 || end > begin {
-                let stored = &self.stored[begin..end];
+            if part == 0 || !stored.is_empty() {
                 decompress(&mut self.context, stored, BYTES_PER_CELL[part] * cells, raw)?;
             }
-            begin = end;
         }
         brick.reset(shape, blocks);
         let (states, high) = self.raw[0].split_at(cells);
@@ -162,14 +153,13 @@ fn stored_bytes_limit(part: usize, cells: usize) -> usize {
 
 /// Whether a payload of `cells` cells can be as long as `record` says.
 pub(super) fn can_be_stored(cells: usize, record: &FieldRecord) -> bool {
-    (0..PARTS).all(|part| record.part(part).len() <= stored_bytes_limit(part, cells))
+    record.parts(Precision::Full).all(|(part, _, length)| length <= stored_bytes_limit(part, cells))
 }
 
 /// Bytes of a payload of `cells` cells after decompression of all parts that hold something, up to
 /// the one that `precision` needs.
 pub(super) fn decompressed(cells: usize, record: &FieldRecord, precision: Precision) -> u64 {
-    let parts = (0..=precision.last_part()).filter(|part| !record.part(*part).is_empty());
-    parts.map(|part| (BYTES_PER_CELL[part] * cells) as u64).sum()
+    record.parts(precision).map(|(part, ..)| (BYTES_PER_CELL[part] * cells) as u64).sum()
 }
 
 /// One part of a payload, into `raw`.
@@ -239,17 +229,17 @@ mod tests {
             let brick = sample(shape, blocks);
             let mut decoder = Decoder::new().unwrap();
             let payload = Encoder::new().unwrap().encode(&brick).unwrap();
-            let Payload { bytes, ends, errors } = payload;
+            let Payload { parts, errors } = payload;
             assert!(errors[0] > 3e-3 && errors[0] < 4e-3 && errors[1] > 1e-5 && errors[1] < 2e-5);
-            decoder.stored = bytes;
+            decoder.stored = parts;
             let mut decoded = RawBrick::default();
-            decoder.decode((shape, blocks), ends, &mut decoded).unwrap();
+            decoder.decode((shape, blocks), &mut decoded).unwrap();
             assert_eq!(decoded, brick);
-            assert!(decoder.decode((shape, blocks + 1), ends, &mut decoded).is_err());
+            assert!(decoder.decode((shape, blocks + 1), &mut decoded).is_err());
             for precision in [Precision::Medium, Precision::Short] {
                 let part = precision.last_part();
-                decoder.stored.truncate(ends[part]);
-                decoder.decode((shape, blocks), ends, &mut decoded).unwrap();
+                decoder.stored[part + 1].clear();
+                decoder.decode((shape, blocks), &mut decoded).unwrap();
                 for (rounded, full) in decoded.blocks.iter().zip(&brick.blocks) {
                     assert_eq!(rounded.states, full.states);
                     let mut pairs = rounded.values.iter().zip(&full.values);
@@ -268,12 +258,12 @@ mod tests {
             block.values[3] = f32::NAN;
         }
         let payload = Encoder::new().unwrap().encode(&brick).unwrap();
-        let length = payload.bytes.len();
-        assert_eq!((payload.errors, payload.ends), ([0.0; 2], [length; 3]));
+        let lengths = payload.parts.each_ref().map(Vec::len);
+        assert!(payload.errors == [0.0; 2] && lengths[0] > 0 && lengths[1..] == [0; 2]);
         let mut decoder = Decoder::new().unwrap();
-        decoder.stored = payload.bytes;
+        decoder.stored = payload.parts;
         let mut decoded = RawBrick::default();
-        decoder.decode((shape, 2), payload.ends, &mut decoded).unwrap();
+        decoder.decode((shape, 2), &mut decoded).unwrap();
         for (decoded, block) in decoded.blocks.iter().zip(&brick.blocks) {
             let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
             assert_eq!(bits(&decoded.values), bits(&block.values));
@@ -287,8 +277,8 @@ mod tests {
         brick.blocks[0].states[5] = state::REFINED;
         let mut decoder = Decoder::new().unwrap();
         let payload = Encoder::new().unwrap().encode(&brick).unwrap();
-        decoder.stored = payload.bytes;
-        let decoded = decoder.decode((shape, 1), payload.ends, &mut RawBrick::default());
+        decoder.stored = payload.parts;
+        let decoded = decoder.decode((shape, 1), &mut RawBrick::default());
         assert!(decoded.is_err());
     }
 }

@@ -10,7 +10,7 @@ use super::brick::BrickPlace;
 use super::bytes::ByteReader;
 use super::checksum::checksum_at;
 use super::codec::Precision;
-use super::header::Header;
+use super::header::{Header, MAX_FIELDS};
 use super::record::{FieldRecord, NodeRecord};
 use super::window::Window;
 use crate::{Error, Result};
@@ -29,6 +29,8 @@ const CURSOR_WINDOWS: usize = 4;
 pub(super) fn record_bytes(fields: usize) -> usize {
     NodeRecord::BYTES + fields * FieldRecord::BYTES
 }
+
+const _: () = assert!(NodeRecord::BYTES + MAX_FIELDS * FieldRecord::BYTES <= PAGE_BYTES);
 
 /// Bricks in one page with `fields` fields; records never straddle pages.
 pub(super) fn records_per_page(fields: usize) -> usize {
@@ -182,10 +184,11 @@ impl<'c> Cursor<'c> {
             .ok_or_else(|| {
                 self.contradiction(node, "its field record is none that ingest writes")
             })?;
-        let end = record.offset.checked_add(u64::from(record.stored_bytes(Precision::Full)));
-        let stored = record.ends[0] != 0;
-        if end.is_none_or(|end| end > self.header.index_offset)
-            || record.is_void() == stored
+        let is_inside = |(_, offset, length): (usize, u64, usize)| {
+            offset.checked_add(length as u64).is_some_and(|end| end <= self.header.index_offset)
+        };
+        if !record.parts(Precision::Full).all(is_inside)
+            || record.is_void() == (record.lengths[0] != 0)
             || record.parent_blocks > self.header.max_parent_blocks
         {
             return Err(self.contradiction(node, "its payload lies nowhere"));

@@ -107,9 +107,9 @@ impl Cache {
     /// Tells the system that the payload of `record` will be read soon, so that it may begin to.
     pub fn announce(&self, record: &FieldRecord, precision: Precision) {
         #[cfg(target_os = "linux")]
-        if let Some(length) = NonZeroU64::new(record.stored_bytes(precision).into()) {
+        for (_, offset, length) in record.parts(precision) {
             // A hint: where it is of no use nothing is lost.
-            let _ = fadvise(&self.file, record.offset, Some(length), Advice::WillNeed);
+            let _ = fadvise(&self.file, offset, NonZeroU64::new(length as u64), Advice::WillNeed);
         }
     }
 
@@ -133,26 +133,24 @@ impl Cache {
         if record.is_void() || !can_be_stored(shape.cells_in_blocks(blocks), record) {
             return Err(damaged("its length is none that a payload has"));
         }
-        if record.offset < self.header_bytes {
-            return Err(damaged("it lies in the header"));
+        decoder.stored.iter_mut().for_each(Vec::clear);
+        let mut reading = Duration::ZERO;
+        for (part, offset, length) in record.parts(precision) {
+            if offset < self.header_bytes {
+                return Err(damaged("it lies in the header"));
+            }
+            let stored = &mut decoder.stored[part];
+            stored.resize(length, 0);
+            let started = Instant::now();
+            self.file.read_exact_at(stored, offset).map_err(|source| {
+                Error::io(&self.path, format!("cannot read brick {node}"), source)
+            })?;
+            reading += started.elapsed();
+            if checksum_at(payload_place(node, field, part), stored) != record.checksums[part] {
+                return Err(damaged("its checksum differs"));
+            }
         }
-        decoder.stored.clear();
-        decoder.stored.resize(record.stored_bytes(precision) as usize, 0);
-        let started = Instant::now();
-        self.file
-            .read_exact_at(&mut decoder.stored, record.offset)
-            .map_err(|source| Error::io(&self.path, format!("cannot read brick {node}"), source))?;
-        let reading = started.elapsed();
-        let is_sound = |part: usize| {
-            let stored = &decoder.stored[record.part(part)];
-            let place = payload_place(node, field, part);
-            stored.is_empty() || checksum_at(place, stored) == record.checksums[part]
-        };
-        if !(0..=precision.last_part()).all(is_sound) {
-            return Err(damaged("its checksum differs"));
-        }
-        let ends = record.ends.map(|end| end as usize);
-        decoder.decode((shape, blocks), ends, brick).map_err(damaged)?;
+        decoder.decode((shape, blocks), brick).map_err(damaged)?;
         if record.error(precision) > 0.0 {
             // Rounding leads beyond the range that all values lie in, though never towards it.
             brick.clamp(record.own);

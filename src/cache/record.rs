@@ -1,8 +1,6 @@
 //! The index' fixed-size records: one [`NodeRecord`] per brick, and per field one
 //! [`FieldRecord`].
 
-use std::ops::Range;
-
 use super::bytes::{ByteReader, ByteWriter};
 use super::codec::{PARTS, Precision, decompressed};
 
@@ -74,14 +72,13 @@ impl NodeRecord {
 /// `stored · 2^exponent` with the exponent of [`super::CachedField`].
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct FieldRecord {
-    /// Where the payload lies in the file.
-    pub offset: u64,
+    /// Where each part of the payload lies in the file; 0 for empty ones.
+    pub offsets: [u64; PARTS],
     /// Checksums of the stored bytes of the payload's parts, and of the brick's and the field's
     /// number; 0 for empty ones.
     pub checksums: [u64; PARTS],
-    /// Where each part ends, stored (compressed) bytes from the payload's beginning; 0 where there is
-    /// none ([`Self::is_void`]).
-    pub ends: [u32; PARTS],
+    /// Stored (compressed) bytes of each part; 0 where there is none ([`Self::is_void`]).
+    pub lengths: [u32; PARTS],
     /// [min, max] over everything in the payload: encloses what the interpolant takes in the
     /// brick's box when the brick itself is drawn. NaN cells are not in it.
     pub own: [f32; 2],
@@ -104,7 +101,7 @@ pub struct FieldRecord {
 
 impl FieldRecord {
     /// Bytes on disk.
-    pub const BYTES: usize = 80;
+    pub const BYTES: usize = 96;
     /// Nothing in the box, at any level, emits or absorbs: all was dropped, or lies outside.
     pub const VOID: u8 = 1;
     /// The payload holds NaN.
@@ -126,9 +123,9 @@ impl FieldRecord {
 
     /// Whether no payload is named, and nothing that one would hold.
     fn is_of_nothing(&self) -> bool {
-        let place = (self.offset, self.checksums, self.ends, self.parent_blocks);
+        let place = (self.offsets, self.checksums, self.lengths, self.parent_blocks);
         !self.fills_void()
-            && place == (0, [0; PARTS], [0; PARTS], 0)
+            && place == ([0; PARTS], [0; PARTS], [0; PARTS], 0)
             && self.errors == [0.0; 2]
             && self.own == EMPTY_RANGE
             && self.tree == EMPTY_RANGE
@@ -137,24 +134,28 @@ impl FieldRecord {
     /// Whether there are the parts that errors without them ask for, and no others.
     fn has_sound_parts(&self) -> bool {
         let [short, medium] = self.errors;
-        let is_there = |part: usize| self.ends[part - 1] < self.ends[part];
+        let is_there = |part: usize| self.lengths[part] > 0;
         let is_sound = |part: usize| {
             is_there(part) == (self.errors[part - 1] > 0.0)
-                && (is_there(part) || self.checksums[part] == 0)
+                && (is_there(part) || (self.offsets[part], self.checksums[part]) == (0, 0))
         };
         let errors = 0.0 <= medium && medium <= short && short <= 1.0;
-        errors && self.ends.is_sorted() && is_sound(1) && is_sound(2)
+        errors && is_sound(1) && is_sound(2)
     }
 
-    /// Where a part lies among the payload's stored bytes.
-    pub(super) fn part(&self, part: usize) -> Range<usize> {
-        let begin = if part == 0 { 0 } else { self.ends[part - 1] };
-        begin as usize..self.ends[part] as usize
+    /// Where those parts lie in the file that values of such `precision` take and that hold something:
+    /// the number, the place and the length of each.
+    pub(super) fn parts(
+        &self,
+        precision: Precision,
+    ) -> impl Iterator<Item = (usize, u64, usize)> + '_ {
+        let part = |part: usize| (part, self.offsets[part], self.lengths[part] as usize);
+        (0..=precision.last_part()).map(part).filter(|(_, _, length)| *length > 0)
     }
 
     /// Stored bytes that values of such `precision` take.
-    pub fn stored_bytes(&self, precision: Precision) -> u32 {
-        self.ends[precision.last_part()]
+    pub fn stored_bytes(&self, precision: Precision) -> u64 {
+        self.lengths[..=precision.last_part()].iter().copied().map(u64::from).sum()
     }
 
     /// Bytes of these after decompression, for a payload of `cells` cells.
@@ -185,9 +186,9 @@ impl FieldRecord {
     }
 
     pub(crate) fn write(&self, bytes: &mut ByteWriter) {
-        bytes.u64(self.offset);
+        self.offsets.into_iter().for_each(|offset| bytes.u64(offset));
         self.checksums.into_iter().for_each(|checksum| bytes.u64(checksum));
-        self.ends.into_iter().for_each(|end| bytes.u32(end));
+        self.lengths.into_iter().for_each(|length| bytes.u32(length));
         for value in [self.own[0], self.own[1], self.tree[0], self.tree[1]] {
             bytes.f32(value);
         }
@@ -202,9 +203,9 @@ impl FieldRecord {
 
     pub(crate) fn read(bytes: &mut ByteReader<'_>) -> Option<Self> {
         let record = Self {
-            offset: bytes.u64()?,
+            offsets: [bytes.u64()?, bytes.u64()?, bytes.u64()?],
             checksums: [bytes.u64()?, bytes.u64()?, bytes.u64()?],
-            ends: [bytes.u32()?, bytes.u32()?, bytes.u32()?],
+            lengths: [bytes.u32()?, bytes.u32()?, bytes.u32()?],
             own: [bytes.f32()?, bytes.f32()?],
             tree: [bytes.f32()?, bytes.f32()?],
             residual_linear: bytes.f32()?,

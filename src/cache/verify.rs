@@ -145,7 +145,7 @@ impl Check<'_> {
         let record = self.cursor.field(node, field)?;
         if !record.is_void() {
             report.payloads += 1;
-            report.bytes += u64::from(record.stored_bytes(Precision::Full));
+            report.bytes += record.stored_bytes(Precision::Full);
             let (decoder, brick) = (&mut self.decoder, &mut self.brick);
             let (records, precision) = ((node, node_record), Precision::Full);
             self.cache.read_brick(records, (field, &record), precision, decoder, brick)?;

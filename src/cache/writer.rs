@@ -20,13 +20,32 @@ pub struct Writer {
     file: AtomicFile,
     header_bytes: u64,
     end: u64,
-    /// What is to be written next: many payloads at a time, as each call costs and so does each page
-    /// of the file that is not written whole.
-    buffer: Vec<u8>,
+    /// Payloads' first parts, second and third ones.
+    streams: [Stream; PARTS],
 }
 
-/// Bytes from which on what waits is written.
-const BUFFERED: usize = 256 << 10;
+/// Parts of many payloads, one after another, written as runs: so those that a reader in fewer digits
+/// leaves out do not lie between those that it reads, and each call and page of the file is used well.
+#[derive(Default)]
+struct Stream {
+    /// What is to be written next.
+    buffer: Vec<u8>,
+    /// Bytes before those.
+    written: u64,
+    /// For each run how many bytes of the stream are before it, and where it lies in the file.
+    runs: Vec<[u64; 2]>,
+}
+
+impl Stream {
+    /// Where byte `at` of the stream lies in the file.
+    fn place(&self, at: u64) -> u64 {
+        let run = self.runs.partition_point(|run| run[0] <= at).checked_sub(1);
+        run.map_or(0, |run| self.runs[run][1] + (at - self.runs[run][0]))
+    }
+}
+
+/// Bytes of a run that parts fit into.
+const RUN: usize = 512 << 10;
 
 impl Writer {
     /// Begins the cache at `target` in `file`. `header` must have its final levels and fields:
@@ -41,14 +60,15 @@ impl Writer {
             file,
             header_bytes,
             end: header_bytes,
-            buffer: Vec::new(),
+            streams: Default::default(),
         };
         writer.seek(header_bytes)?;
         Ok(writer)
     }
 
-    /// Appends the stored payload of field `field` of brick `node`; its place, checksums and
-    /// lengths, and how far values in fewer digits are off, go into `record`.
+    /// Takes the stored payload of field `field` of brick `node`; its checksums and lengths, how far
+    /// values in fewer digits are off, and where its parts lie in their streams go into `record`.
+    /// Where that is in the file, [`Self::finish`] knows.
     ///
     /// # Errors
     /// What the system says, a full disk included.
@@ -59,19 +79,32 @@ impl Writer {
         payload: &Payload,
         record: &mut FieldRecord,
     ) -> Result<()> {
-        let Payload { bytes, ends, errors } = payload;
-        self.write(bytes)?;
-        let too_long = || Error::invalid(self.target.display(), "a payload is longer than 4 GiB");
-        for (end, place) in ends.iter().zip(&mut record.ends) {
-            *place = u32::try_from(*end).map_err(|_| too_long())?;
+        record.errors = payload.errors;
+        for (part, stored) in payload.parts.iter().enumerate().filter(|(_, p)| !p.is_empty()) {
+            if self.streams[part].buffer.len() + stored.len() > RUN {
+                self.end_run(part)?;
+            }
+            let stream = &mut self.streams[part];
+            record.offsets[part] = stream.written + stream.buffer.len() as u64;
+            stream.buffer.extend_from_slice(stored);
+            record.checksums[part] = checksum_at(payload_place(node, field, part), stored);
+            record.lengths[part] = u32::try_from(stored.len()).map_err(|_| {
+                Error::invalid(self.target.display(), "a payload is longer than 4 GiB")
+            })?;
         }
-        (record.offset, record.errors) = (self.end, *errors);
-        for part in 0..PARTS {
-            let stored = &bytes[record.part(part)];
-            let place = payload_place(node, field, part);
-            record.checksums[part] = if stored.is_empty() { 0 } else { checksum_at(place, stored) };
+        Ok(())
+    }
+
+    fn end_run(&mut self, part: usize) -> Result<()> {
+        let mut bytes = std::mem::take(&mut self.streams[part].buffer);
+        let stream = &mut self.streams[part];
+        if !bytes.is_empty() {
+            stream.runs.push([stream.written, self.end]);
+            stream.written += bytes.len() as u64;
         }
-        self.end += bytes.len() as u64;
+        self.write(&bytes)?;
+        bytes.clear();
+        self.streams[part].buffer = bytes;
         Ok(())
     }
 
@@ -87,6 +120,7 @@ impl Writer {
         mut records: impl FnMut(u64, &mut Vec<FieldRecord>) -> Result<NodeRecord>,
     ) -> Result<Header> {
         let page_bytes = PAGE_BYTES as u64;
+        (0..PARTS).try_for_each(|part| self.end_run(part))?;
         header.index_offset = self.end.next_multiple_of(page_bytes);
         let padding = usize::try_from(header.index_offset - self.end).unwrap_or(0);
         self.write(&vec![0; padding])?;
@@ -96,7 +130,7 @@ impl Writer {
         let mut table = ByteWriter::default();
         for page in 0..header.index_pages {
             let members = page * per_page..nodes.min((page + 1) * per_page);
-            let bytes = page_of(members, header.fields.len(), &mut records)?;
+            let bytes = self.page_of(members, header.fields.len(), &mut records)?;
             self.write(&bytes)?;
             table.u64(checksum_at(page, &bytes));
         }
@@ -104,7 +138,6 @@ impl Writer {
         header.page_table_checksum = checksum(&table.bytes);
         header.file_bytes =
             header.index_offset + header.index_pages * page_bytes + table.bytes.len() as u64;
-        self.flush()?;
         self.put_header(&mut header)?;
         self.file.commit()?;
         Ok(header)
@@ -130,36 +163,38 @@ impl Writer {
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<()> {
-        if self.buffer.len() + bytes.len() > BUFFERED {
-            self.flush()?;
-        }
-        self.buffer.extend_from_slice(bytes);
-        Ok(())
-    }
-
-    fn flush(&mut self) -> Result<()> {
         let mut file = self.file.file();
-        file.write_all(&self.buffer)
+        file.write_all(bytes)
             .map_err(|source| Error::io(&self.target, "cannot write the cache", source))?;
-        self.buffer.clear();
+        self.end += bytes.len() as u64;
         Ok(())
     }
-}
 
-fn page_of(
-    members: std::ops::Range<u64>,
-    fields: usize,
-    records: &mut impl FnMut(u64, &mut Vec<FieldRecord>) -> Result<NodeRecord>,
-) -> Result<Vec<u8>> {
-    let mut page = ByteWriter::default();
-    page.bytes.reserve_exact(PAGE_BYTES);
-    let mut of_fields = Vec::with_capacity(fields);
-    for node in members {
-        of_fields.clear();
-        records(node, &mut of_fields)?.write(&mut page);
-        of_fields.iter().for_each(|record| record.write(&mut page));
+    fn page_of(
+        &self,
+        members: std::ops::Range<u64>,
+        fields: usize,
+        records: &mut impl FnMut(u64, &mut Vec<FieldRecord>) -> Result<NodeRecord>,
+    ) -> Result<Vec<u8>> {
+        let mut page = ByteWriter::default();
+        page.bytes.reserve_exact(PAGE_BYTES);
+        let mut of_fields = Vec::with_capacity(fields);
+        for node in members {
+            of_fields.clear();
+            records(node, &mut of_fields)?.write(&mut page);
+            of_fields.iter().for_each(|record| self.placed(record).write(&mut page));
+        }
+        debug_assert!(page.bytes.len() % record_bytes(fields) == 0);
+        page.bytes.resize(PAGE_BYTES, 0);
+        Ok(page.bytes)
     }
-    debug_assert!(page.bytes.len() % record_bytes(fields) == 0);
-    page.bytes.resize(PAGE_BYTES, 0);
-    Ok(page.bytes)
+
+    /// `record` with its parts' places in the file.
+    fn placed(&self, record: &FieldRecord) -> FieldRecord {
+        let place = |part: usize| {
+            let is_there = record.lengths[part] > 0;
+            if is_there { self.streams[part].place(record.offsets[part]) } else { 0 }
+        };
+        FieldRecord { offsets: std::array::from_fn(place), ..*record }
+    }
 }

@@ -116,7 +116,7 @@ impl Loader for BrickLoader<'_> {
         }
         let blocks = usize::from(field.parent_blocks) + 1;
         Ok(Loaded {
-            read: u64::from(field.stored_bytes(*precision)),
+            read: field.stored_bytes(*precision),
             decompressed: field.decompressed(header.shape.cells_in_blocks(blocks), *precision),
             reading,
         })

@@ -1,11 +1,13 @@
 //! Payloads taken out of a cache, changed, and put back.
 
+use std::ops::Range;
+
 use super::anatomy::{Anatomy, PAGE, payload_checksum, word};
 
 /// Where a field record says what of its payload.
-const CHECKSUM: usize = 8;
-const ENDS: usize = 32;
-const ERRORS: usize = 68;
+const CHECKSUM: usize = 24;
+const LENGTH: usize = 48;
+const ERRORS: usize = 84;
 
 /// Parts of a payload, and bytes of a cell in each.
 const BYTES_PER_CELL: [usize; 3] = [3, 1, 1];
@@ -15,17 +17,17 @@ impl Anatomy {
         self.field_numbers(node, field)[0].at
     }
 
-    /// Where a part of a payload ends among its stored bytes.
-    fn end(&self, bytes: &[u8], record: usize, part: usize) -> usize {
-        word(bytes, record + ENDS + 4 * part, 4) as usize
+    /// Where the parts of a payload lie in the file.
+    fn parts(&self, bytes: &[u8], record: usize) -> [Range<usize>; 3] {
+        [0, 1, 2].map(|part| {
+            let start = word(bytes, record + 8 * part, 8) as usize;
+            start..start + word(bytes, record + LENGTH + 4 * part, 4) as usize
+        })
     }
 
     /// The stored bytes of a payload's parts; empty where there is none.
     pub(crate) fn stored<'b>(&self, bytes: &'b [u8], node: usize, field: usize) -> [&'b [u8]; 3] {
-        let record = self.payload_record(node, field);
-        let stored = &bytes[word(bytes, record, 8) as usize..];
-        let begin = |part: usize| if part == 0 { 0 } else { self.end(bytes, record, part - 1) };
-        [0, 1, 2].map(|part| &stored[begin(part)..self.end(bytes, record, part)])
+        self.parts(bytes, self.payload_record(node, field)).map(|range| &bytes[range])
     }
 
     /// The payload decompressed: states, the upper two planes of the values, the third, the lowest.
@@ -42,18 +44,20 @@ impl Anatomy {
         raw
     }
 
-    /// The same cache with another payload: everything behind it moves, and all offsets and
-    /// checksums are right.
+    /// The same cache with another payload: everything behind its parts moves, and all offsets and
+    /// checksums are right. Parts that were not there come last.
     pub(crate) fn with_payload(
         &self,
         bytes: &[u8],
         (node, field): (usize, usize),
         (parts, errors): ([&[u8]; 3], [f32; 2]),
     ) -> Vec<u8> {
-        let stored = &parts.concat()[..];
         let record = self.payload_record(node, field);
-        let start = word(bytes, record, 8) as usize;
-        let old = self.end(bytes, record, 2);
+        let old = self.parts(bytes, record);
+        let moved = |offset: usize| {
+            let before = (0..3).filter(|p| !old[*p].is_empty() && old[*p].start < offset);
+            before.fold(offset, |at, part| at + parts[part].len() - old[part].len())
+        };
         let mut index = bytes[self.index..self.index + self.pages * PAGE].to_vec();
         let mut put = |at: usize, value: u64, count: usize| {
             let at = at - self.index;
@@ -63,23 +67,31 @@ impl Anatomy {
         let mut end = self.header_bytes;
         for (node, field) in all {
             let record = self.payload_record(node, field);
-            let offset = word(bytes, record, 8) as usize;
-            end = end.max(offset + self.end(bytes, record, 2));
-            if offset > start {
-                put(record, (offset + stored.len() - old) as u64, 8);
+            for (part, range) in self.parts(bytes, record).into_iter().enumerate() {
+                end = end.max(range.end);
+                put(record + 8 * part, moved(range.start) as u64, 8);
             }
         }
-        let mut length = 0;
+        let mut forged = bytes[..end].to_vec();
+        let mut order = [0, 1, 2];
+        order.sort_by_key(|part| std::cmp::Reverse(old[*part].start));
+        for part in order.into_iter().filter(|part| !old[*part].is_empty()) {
+            forged.splice(old[part].clone(), parts[part].iter().copied());
+        }
         for (part, stored) in parts.into_iter().enumerate() {
             put(record + CHECKSUM + 8 * part, payload_checksum((node, field, part), stored), 8);
-            length += stored.len();
-            put(record + ENDS + 4 * part, length as u64, 4);
+            put(record + LENGTH + 4 * part, stored.len() as u64, 4);
+            if stored.is_empty() {
+                put(record + 8 * part, 0, 8);
+            } else if old[part].is_empty() {
+                put(record + 8 * part, forged.len() as u64, 8);
+                forged.extend_from_slice(stored);
+            }
             if let Some(before) = part.checked_sub(1) {
                 let error = if stored.is_empty() { 0.0 } else { errors[before] };
                 put(record + ERRORS + 4 * before, error.to_bits().into(), 4);
             }
         }
-        let mut forged = [&bytes[..start], stored, &bytes[start + old..end]].concat();
         forged.resize(forged.len().next_multiple_of(PAGE), 0);
         self.finish(forged, &index)
     }
@@ -106,9 +118,12 @@ impl Anatomy {
         forged[12..16].copy_from_slice(&(header_bytes as u32).to_le_bytes());
         let mut index = bytes[self.index..self.index + self.pages * PAGE].to_vec();
         for (node, field) in (0..self.nodes).flat_map(|n| (0..self.fields).map(move |f| (n, f))) {
-            let at = self.payload_record(node, field) - self.index;
-            let offset = word(&index, at, 8).wrapping_add_signed(moved);
-            index[at..at + 8].copy_from_slice(&offset.to_le_bytes());
+            let record = self.payload_record(node, field) - self.index;
+            for at in [0, 8, 16].map(|place| record + place) {
+                let offset = word(&index, at, 8);
+                let offset = if offset == 0 { 0 } else { offset.wrapping_add_signed(moved) };
+                index[at..at + 8].copy_from_slice(&offset.to_le_bytes());
+            }
         }
         forged.resize(forged.len().next_multiple_of(PAGE), 0);
         Self { header_bytes, ..self.clone() }.finish(forged, &index)
