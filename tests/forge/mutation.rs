@@ -212,8 +212,8 @@ impl Sound {
             f32::MAX,
             0.0,
             -1.0,
-            limit(7),
-            limit(8),
+            limit(9),
+            limit(10),
         ]);
         // Upper bytes are those of the value rounded to them.
         let carry = |bits: u32, middle: u32| bits.wrapping_add((bits & middle) << 1);
@@ -221,7 +221,7 @@ impl Sound {
         for (plane, byte) in [4, 3, 1, 2].into_iter().zip(rounded) {
             raw[cells * plane + at] = byte;
         }
-        let inside = limit(7) <= value && value <= limit(8);
+        let inside = limit(9) <= value && value <= limit(10);
         let expected = if inside { Expected::Sound } else { Expected::Found };
         Damaged { what: "values".into(), bytes: self.with_raw(place, &raw), expected }
     }
