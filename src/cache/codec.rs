@@ -75,7 +75,7 @@ impl Encoder {
                 self.stored.reserve(zstd::zstd_safe::compress_bound(raw.len()));
                 self.context.compress_to_buffer(raw, &mut self.stored)?;
                 // What is kept takes no more room than it needs.
-                payload.parts[part] = self.stored.as_slice().to_vec();
+                payload.parts[part] = self.stored.clone();
             }
         }
         Ok(payload)

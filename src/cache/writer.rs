@@ -198,3 +198,17 @@ impl Writer {
         FieldRecord { offsets: std::array::from_fn(place), ..*record }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_of_a_stream_are_found_in_the_run_that_holds_them() {
+        let runs = vec![[0, 100], [10, 500], [30, 200]];
+        let stream = Stream { runs, ..Stream::default() };
+        for (at, place) in [(0, 100), (9, 109), (10, 500), (29, 519), (30, 200), (31, 201)] {
+            assert_eq!(stream.place(at), place);
+        }
+    }
+}

@@ -126,6 +126,7 @@ fn completion_bytes(shape: BrickShape, fields: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cache::MAX_FIELDS;
 
     #[test]
     fn many_fields_leave_room_for_fewer_threads_and_at_last_for_none() {
@@ -162,7 +163,7 @@ mod tests {
     #[test]
     fn the_limit_that_is_named_works() {
         let shape = BrickShape::new(32).unwrap();
-        for fields in [30, 640] {
+        for fields in [30, MAX_FIELDS] {
             let refusal = Plan::new(64 << 20).unwrap().shares(8, shape, fields).unwrap_err();
             let refusal = refusal.to_string();
             let (before, _) = refusal.split_once("MiB").unwrap();

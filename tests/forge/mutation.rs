@@ -200,7 +200,11 @@ impl Sound {
         let mut raw = self.anatomy.raw(&self.bytes, place.0, place.1);
         let cells = raw.len() / 5;
         let range = self.anatomy.field_numbers(place.0, place.1);
-        let limit = |i: usize| f32::from_bits(word(&self.bytes, range[i].at, 4) as u32);
+        let limit = |name: &str| {
+            let number = range.iter().find(|number| number.name == name).unwrap();
+            f32::from_bits(word(&self.bytes, number.at, 4) as u32)
+        };
+        let (least, most) = (limit("own min"), limit("own max"));
         let mut at = noise.below(cells);
         while raw[at] & 1 == 0 {
             at = (at + 1) % cells;
@@ -212,8 +216,8 @@ impl Sound {
             f32::MAX,
             0.0,
             -1.0,
-            limit(9),
-            limit(10),
+            least,
+            most,
         ]);
         // Upper bytes are those of the value rounded to them.
         let carry = |bits: u32, middle: u32| bits.wrapping_add((bits & middle) << 1);
@@ -221,7 +225,7 @@ impl Sound {
         for (plane, byte) in [4, 3, 1, 2].into_iter().zip(rounded) {
             raw[cells * plane + at] = byte;
         }
-        let inside = limit(9) <= value && value <= limit(10);
+        let inside = least <= value && value <= most;
         let expected = if inside { Expected::Sound } else { Expected::Found };
         Damaged { what: "values".into(), bytes: self.with_raw(place, &raw), expected }
     }
