@@ -75,7 +75,8 @@ impl AtomicFile {
     /// Makes the file durable and gives it the target's name, replacing what was there.
     ///
     /// # Errors
-    /// The system's, as a full disk; then the target is as before and nothing is left beside it.
+    /// The system's, as a full disk; then the target is as before and nothing is left beside it. Where
+    /// only the directory could not be made durable, the target is new.
     pub fn commit(mut self) -> Result<()> {
         let failed = |error| Error::io(&self.target, "cannot complete the file", error);
         self.file.sync_all().map_err(failed)?;
@@ -128,6 +129,9 @@ fn resolve(target: &Path) -> Result<PathBuf> {
             Err(refuse("is a directory; name a file to be written in it"))
         }
         Ok(found) if !found.is_file() => Err(refuse("is not a regular file; name another")),
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            Err(Error::io(target, "cannot write", error))
+        }
         _ => Ok(resolved),
     }
 }
@@ -169,7 +173,13 @@ fn is_at(file: &File, path: &Path) -> bool {
 
 fn sync_directory(target: &Path) -> io::Result<()> {
     let parent = target.parent().filter(|parent| !parent.as_os_str().is_empty());
-    File::open(parent.unwrap_or(Path::new(".")))?.sync_all()
+    match File::open(parent.unwrap_or(Path::new(".")))?.sync_all() {
+        // Some network file systems cannot do that for directories; there is nothing else to do.
+        Err(error) if matches!(error.kind(), ErrorKind::Unsupported | ErrorKind::InvalidInput) => {
+            Ok(())
+        }
+        outcome => outcome,
+    }
 }
 
 #[cfg(test)]
@@ -236,6 +246,7 @@ mod tests {
         assert!(failure(Path::new("")).contains("does not name a file"));
         let missing = directory.path().join("missing/a");
         assert!(failure(&missing).contains("missing/a: cannot write"), "{}", failure(&missing));
+        assert!(failure(&directory.path().join("n".repeat(256))).contains("nnn: cannot write"));
         assert!(names(directory.path()).is_empty());
     }
 

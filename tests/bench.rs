@@ -65,7 +65,7 @@ fn the_exact_picture_has_no_error_and_looser_ones_cost_less() {
         let share = if tolerance > 0.01 { 0.7 } else { 1.5 };
         let most = number(exact, "samples") * share;
         assert!(samples <= most, "{tolerance}: {samples} of {most}");
-        assert!(number(row, "error_relative") <= 1.0);
+        assert!(number(row, "error_relative") <= tolerance, "{row:?}");
         assert!(number(row, "peak_rss_bytes") > 1e6);
     }
     assert_eq!(names(&plots), ["bytes.svg", "samples.svg", "seconds.svg", "tolerance.csv"]);

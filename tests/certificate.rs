@@ -96,6 +96,16 @@ impl Campaign {
         let count = (failures.len(), tally.outcomes.len());
         assert!(failures.is_empty(), "{count:?} scenes failed\n{}", failures.join("\n"));
         assert!(count.1 >= SYNTHETIC.len() * self.scenes_each);
+        let open = tally.open_areas();
+        for (n, what) in ["tolerance", "estimate"].into_iter().enumerate() {
+            let within = open.iter().filter(|o| o.is_within[n]).count();
+            // What is likely may fail, but rarely.
+            assert!(
+                10 * within >= 9 * open.len(),
+                "{within} of {} within their {what}",
+                open.len()
+            );
+        }
         Ok(())
     }
 
@@ -255,12 +265,15 @@ impl Tally {
         self.print_likelihood();
     }
 
-    /// How areas that no bound certifies compare with their tolerances and with what their pictures
-    /// say of themselves, where not stored values alone are off by more.
-    fn print_likelihood(&self) {
+    /// Areas that no bound certifies, where not stored values alone are off by more than the tolerance.
+    fn open_areas(&self) -> Vec<&Outcome> {
         let is_open = |o: &&Outcome| o.is_area && o.tolerance > 0.0 && o.bound > o.tolerance;
-        let open = self.outcomes.iter().filter(is_open).filter(|o| o.floor <= o.tolerance);
-        let open: Vec<&Outcome> = open.collect();
+        self.outcomes.iter().filter(is_open).filter(|o| o.floor <= o.tolerance).collect()
+    }
+
+    /// How they compare with their tolerances and with what their pictures say of themselves.
+    fn print_likelihood(&self) {
+        let open = self.open_areas();
         let mut parts: Vec<f64> = open.iter().map(|o| o.measured / o.tolerance).collect();
         parts.sort_by(f64::total_cmp);
         let (Some(most), Some(median)) = (parts.last(), parts.get(parts.len() / 2)) else { return };

@@ -8,8 +8,7 @@ mod twin;
 
 use bricks::sets::Set;
 use deepfield::cache::Cache;
-use deepfield::image::Film;
-use deepfield::render::{RenderOptions, Rendered, render};
+use deepfield::render::{Film, RenderOptions, Rendered, render};
 use deepfield::scene::Scene;
 use deepfield::source;
 use deepfield::synth::Recipe;
@@ -554,4 +553,49 @@ fn pixels_at_an_opaque_edge_are_covered_as_they_should() {
         // a pixel has met would make up to 0.25.
         assert!(worst < 0.05, "{away:?}: {worst}");
     }
+}
+
+/// At the view's axis distances from the eye to a plane bend one way in all directions: nothing of that
+/// cancels between opposite rays of a pixel, be it at the domain's faces or where values change along
+/// the axis.
+#[test]
+fn areas_around_the_axis_are_within_their_bound() {
+    let constant = Subject::constant(1.0);
+    let along_z =
+        Subject::new("[[density]]\nkind = \"gradient\"\nvalue = 0.2\nslope = [0.0, 0.0, 1.0]\n");
+    let emits = "color = [[0.0, 1.0, 0.5, 0.2]]\nrange = [0.0, 1.25]\nemission = [[0.0, 0.0], [1.0, 1.0]]\n";
+    let clear = format!("{emits}absorption = [[0.0, 0.0]]\n");
+    let dims = format!("{emits}absorption = [[0.0, 0.0], [1.0, 3.0]]\n");
+    let (mut certified, mut pictures) = (0, 0);
+    for (subject, volume) in [(&constant, &clear), (&constant, &dims), (&along_z, &dims)] {
+        for (position, fov) in
+            [([0.5, 0.5, -1.0], 15.0), ([0.5, 0.5, 0.5], 60.0), ([0.3, 0.5, -9.0], 0.7)]
+        {
+            for (size, linear) in [(1, true), (3, false), (3, true), (4, true)] {
+                let look_at = [0.5, 0.5, 0.9];
+                let view = View { position, look_at, perspective: true, linear, ..View::default() };
+                let scene = view.scene(volume).replace("fov = 60.0", &format!("fov = {fov}"));
+                let [wide, high] = ["width", "height"].map(|side| format!("{side} = {PIXELS}"));
+                let scene = scene
+                    .replace(&wide, &format!("width = {size}"))
+                    .replace(&high, &format!("height = {size}"));
+                let truth = subject.draw(&scene.replace("samples = 1", "samples = 64"));
+                let scene = scene.replace("samples = 1", "samples = \"area\"");
+                for tolerance in ["3%", "0.1%", "0.01%"] {
+                    let within = format!("tolerance = \"{tolerance}\"");
+                    let Rendered { film, stats, .. } =
+                        subject.drawn(&scene.replace("tolerance = 0", &within)).unwrap();
+                    let pairs = film.pixels().iter().flatten().zip(truth.pixels().iter().flatten());
+                    let off = pairs.map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max);
+                    let bound = stats.error_bound.unwrap();
+                    // The truth is a mean of rays itself, and off by a part of what one ray is.
+                    let unsure = 2e-6 * f64::from(truth.largest_value());
+                    assert!(off <= bound + unsure, "{off:e}, not {bound:e}: {within}\n{scene}");
+                    certified += u32::from(bound <= stats.tolerance);
+                    pictures += 1;
+                }
+            }
+        }
+    }
+    assert!(2 * certified > pictures, "{certified} of {pictures} pictures are certified");
 }

@@ -4,7 +4,8 @@
     pip install numpy xxhash zstandard
     tools/read_cache.py CACHE.dfc
 
-Prints the header as JSON; exit code 1 and the first fault where anything contradicts the format.
+Prints the header as JSON. Exit code 1 and the first fault where the file is truncated, a checksum is
+wrong, or counts of cells, parents, marks of void or the space between payloads contradict each other.
 """
 
 import json
@@ -14,7 +15,7 @@ import sys
 
 import numpy as np
 from xxhash import xxh3_64_intdigest as digest
-from zstandard import ZstdDecompressor
+from zstandard import ZstdDecompressor, ZstdError
 
 PAGE, NODE, FIELD = 65536, struct.Struct("<QQQIIIBBBB"), struct.Struct("<6Q3I8f4B")
 EXISTS, REFINED, VOID = 1, 2, 4
@@ -194,4 +195,7 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except (OSError, IndexError, ValueError, ZstdError, struct.error) as fault:
+        sys.exit(f"error: {sys.argv[1]}: {fault}")

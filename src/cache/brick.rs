@@ -45,6 +45,8 @@ impl Block {
         (z * self.side + y) * self.side + x
     }
 
+    /// Makes the block `side` cells wide, all of them without a value: values 0, no state bits. The
+    /// memory is reused.
     pub(crate) fn reset(&mut self, side: usize) {
         self.side = side;
         self.values.clear();
@@ -163,7 +165,8 @@ impl BrickShape {
         }
     }
 
-    /// Of the same space in cells twice as wide.
+    /// The shape of a brick that covers the same space in cells twice as wide: half as many along
+    /// an edge, which may be fewer than [`Self::new`] takes.
     pub(crate) fn coarser(self) -> Self {
         Self { edge: self.edge / 2 }
     }

@@ -74,8 +74,9 @@ pub(super) fn marks_outside(header: &Header, place: &BrickPlace, brick: &RawBric
     })
 }
 
-/// The same for one block, in which `inside` are the first cell of the domain and the first one
-/// beyond it along each axis.
+/// Whether just those cells of one block are marked as beyond the domain that are; `inside` are the
+/// first cell of the domain and the first one beyond it along each axis, counted from the block's
+/// lower corner.
 fn block_marks_outside(block: &Block, inside: [[i128; 2]; 3]) -> bool {
     let side = block.side as i128;
     if inside.iter().all(|[first, end]| *first <= 0 && side <= *end) {

@@ -1,6 +1,6 @@
 //! Checksums: XXH3, 64 bits (Collet, github.com/Cyan4973/xxHash).
 
-/// The same as [`checksum`], piece by piece.
+/// Computes what [`checksum`] does of bytes that come in pieces.
 pub(super) use xxhash_rust::xxh3::Xxh3Default as Checksum;
 use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
 

@@ -104,6 +104,7 @@ impl Encoder {
 /// Decompresses payloads; holds the codec's context and buffers for one thread.
 pub struct Decoder {
     context: zstd::bulk::Decompressor<'static>,
+    /// Where the stored (compressed) bytes of each part are put before they are decompressed.
     pub(super) stored: [Vec<u8>; PARTS],
     raw: [Vec<u8>; PARTS],
 }

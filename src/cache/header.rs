@@ -241,6 +241,10 @@ impl Header {
         if self.fields.iter().any(|field| field.exponent.unsigned_abs() > MAX_EXPONENT) {
             return Err("a field's scale is out of range".into());
         }
+        let is_factor = |factor: Option<f64>| factor.is_none_or(|f| f > 0.0 && f.is_finite());
+        if !self.fields.iter().all(|f| is_factor(f.smallest_positive) && is_factor(f.to_cgs)) {
+            return Err("a field's smallest positive value or factor to cgs is not positive".into());
+        }
         let is_error = |error: f64| (0.0..=1.0).contains(&error);
         if !self.fields.iter().all(|f| is_error(f.relative_error) && is_error(f.leaf_error)) {
             return Err("a field's relative error is not between 0 and 1".into());
@@ -276,6 +280,12 @@ impl Header {
                 return Err(format!("its level {depth} of bricks has {} bricks", level.nodes));
             }
             next_node = next_node.checked_add(level.nodes).ok_or("it has too many bricks")?;
+        }
+        let deepest = self.levels[self.levels.len() - 1].octree;
+        if i64::from(deepest) > i64::from(MAX_OCTREE_LEVEL) {
+            return Err(format!(
+                "its bricks lie at level {deepest}, {MAX_OCTREE_LEVEL} at most do"
+            ));
         }
         self.check_root()?;
         self.check_simulation()

@@ -54,12 +54,16 @@ struct Windows {
 }
 
 impl Index {
+    /// The index in `file`, whose pages have these checksums; at most `limit` windows (at least
+    /// one) are mapped at a time.
     pub(super) fn new(file: File, path: PathBuf, page_checksums: Vec<u64>, limit: usize) -> Self {
         let windows =
             Windows { mapped: HashMap::new(), clock: Vec::new(), hand: 0, limit: limit.max(1) };
         Self { file, path, page_checksums, windows: Mutex::new(windows) }
     }
 
+    /// Sets how many windows may be mapped at a time, at least one; those beyond that many are
+    /// closed unless they are in use.
     pub(super) fn set_limit(&self, limit: usize) {
         let mut windows = self.windows.lock().unwrap_or_else(PoisonError::into_inner);
         windows.limit = limit.max(1);
@@ -156,6 +160,7 @@ impl<'c> Cursor<'c> {
     /// Most windows that a cursor holds.
     pub const WINDOWS: usize = CURSOR_WINDOWS;
 
+    /// A cursor that holds no windows yet.
     pub(super) fn new(index: &'c Index, header: &'c Header) -> Self {
         Self { index, header, held: Default::default(), next: 0 }
     }

@@ -17,9 +17,10 @@ fn uncarry(bits: u32, middle: u32) -> u32 {
 const OF_HALF: u32 = 0x8000;
 const OF_BYTE: u32 = 0x80;
 
-/// Of a value's bits: the upper half is that of the value rounded to its leading 16 bits; with the byte
-/// below, which counts as negative where that was rounded up, that of the value rounded to 24; likewise
-/// the lowest byte. Rounding up may carry into the exponent, up to infinity.
+/// The bits of a value such that its leading bytes alone are the value rounded: the upper half is
+/// the value rounded to its leading 16 bits; with the byte below, which counts as negative where
+/// that was rounded up, it is the value rounded to 24; the lowest byte counts likewise. Rounding up
+/// may carry into the exponent, up to infinity.
 fn carried(value: f32) -> u32 {
     let bits = if value.is_nan() { NAN_BITS } else { value.to_bits() };
     carry(carry(bits, OF_BYTE), OF_HALF)

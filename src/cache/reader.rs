@@ -18,7 +18,7 @@ use super::codec::{Decoder, Precision, can_be_stored};
 use super::header::{Header, MAGIC, MAX_HEADER_BYTES, PREFIX_BYTES, VERSION};
 use super::index::{Cursor, Index};
 use super::record::{FieldRecord, NodeRecord};
-use crate::{Error, Result};
+use crate::{Error, Result, regular_file};
 
 /// An open cache. Opening reads the header and the table of page checksums, nothing else.
 pub struct Cache {
@@ -37,11 +37,7 @@ impl Cache {
     /// A file that is no cache, is of another version, truncated or damaged.
     pub fn open(path: &Path, index_windows: usize) -> Result<Self> {
         let failed = |source| Error::io(path, "cannot read the cache", source);
-        // Opening a pipe would wait for a writer.
-        if !std::fs::metadata(path).map_err(failed)?.is_file() {
-            return Err(Error::request(format!("{}: is no file; name a cache", path.display())));
-        }
-        let file = File::open(path).map_err(failed)?;
+        let file = regular_file::open(path).map_err(failed)?;
         let length = file.metadata().map_err(failed)?.len();
         let (header, header_bytes) = read_header(&file, path, length)?;
         if length != header.file_bytes {
@@ -63,9 +59,8 @@ impl Cache {
     /// Whether the file at `path` begins as a cache does.
     pub fn is_cache(path: &Path) -> bool {
         let mut magic = [0; MAGIC.len()];
-        path.is_file()
-            && File::open(path)
-                .is_ok_and(|file| file.read_exact_at(&mut magic, 0).is_ok() && magic == MAGIC)
+        regular_file::open(path)
+            .is_ok_and(|file| file.read_exact_at(&mut magic, 0).is_ok() && magic == MAGIC)
     }
 
     /// The file.

@@ -39,6 +39,7 @@ impl NodeRecord {
             .then(|| self.first_child + u64::from((self.child_mask & (bit - 1)).count_ones()))
     }
 
+    /// Appends the record, [`Self::BYTES`] bytes.
     pub(crate) fn write(&self, bytes: &mut ByteWriter) {
         bytes.u64(self.first_child);
         bytes.u64(self.parent);
@@ -52,6 +53,8 @@ impl NodeRecord {
         bytes.u8(0);
     }
 
+    /// Reads what [`Self::write`] has written; `None` where bytes are missing, the padding is not 0
+    /// or the octant is none.
     pub(crate) fn read(bytes: &mut ByteReader<'_>) -> Option<Self> {
         let record = Self {
             first_child: bytes.u64()?,
@@ -88,7 +91,8 @@ pub struct FieldRecord {
     /// Bound of |own interpolant − finest interpolant| in the box, in units of the field's value (the
     /// exponent applied).
     pub residual_linear: f32,
-    /// The same for interpolants of log10 of the field's value (floored as the contract says).
+    /// Bound of |own interpolant − finest interpolant| in the box where log10 of the field's value
+    /// is interpolated (floored at the smallest positive leaf value, as scenes floor it).
     pub residual_log10: f32,
     /// Largest relative difference of a value from the stored one, where the last two parts are left
     /// out ([`Precision::Short`]), and where the last is.
@@ -185,6 +189,7 @@ impl FieldRecord {
         self.flags & if own { Self::NAN_OWN } else { Self::NAN_TREE } != 0
     }
 
+    /// Appends the record, [`Self::BYTES`] bytes.
     pub(crate) fn write(&self, bytes: &mut ByteWriter) {
         self.offsets.into_iter().for_each(|offset| bytes.u64(offset));
         self.checksums.into_iter().for_each(|checksum| bytes.u64(checksum));
@@ -201,6 +206,10 @@ impl FieldRecord {
         bytes.u8(0);
     }
 
+    /// Reads what [`Self::write`] has written; `None` where bytes are missing, the padding is not 0
+    /// or the record contradicts itself: ranges that are out of order or not within each other,
+    /// residuals below 0, parts that do not agree with the errors without them, a void brick with a
+    /// payload.
     pub(crate) fn read(bytes: &mut ByteReader<'_>) -> Option<Self> {
         let record = Self {
             offsets: [bytes.u64()?, bytes.u64()?, bytes.u64()?],

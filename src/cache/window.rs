@@ -1,5 +1,5 @@
-//! The room of the memory map: one of the crate's two rooms of unsafe code (the other is
-//! `lanes/x86.rs`).
+//! The room of the memory map: one of the crate's three rooms of unsafe code (the others are
+//! `lanes/x86.rs` and `allocator.rs`).
 
 use std::fs::File;
 use std::sync::atomic::{AtomicU64, Ordering};

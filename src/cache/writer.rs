@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use super::bytes::ByteWriter;
 use super::checksum::{checksum, checksum_at, payload_place};
 use super::codec::{PARTS, Payload};
-use super::header::Header;
+use super::header::{Header, MAX_HEADER_BYTES, PREFIX_BYTES};
 use super::index::{PAGE_BYTES, record_bytes, records_per_page};
 use super::record::{FieldRecord, NodeRecord};
 use crate::atomic_file::AtomicFile;
@@ -55,6 +55,10 @@ impl Writer {
     /// What the system says.
     pub fn new(target: &Path, file: AtomicFile, header: &Header) -> Result<Self> {
         let header_bytes = header.to_bytes().len() as u64;
+        if header_bytes > u64::from(MAX_HEADER_BYTES) {
+            let reason = "fields have names that are too long for one cache; ingest fewer of them";
+            return Err(Error::request(reason));
+        }
         let mut writer = Self {
             target: target.to_path_buf(),
             file,
@@ -148,7 +152,7 @@ impl Writer {
         if bytes.len() as u64 != self.header_bytes {
             return Err(Error::invalid(self.target.display(), "the header changed its length"));
         }
-        header.checksum = checksum(&bytes[super::header::PREFIX_BYTES..]);
+        header.checksum = checksum(&bytes[PREFIX_BYTES..]);
         self.file
             .file()
             .write_all_at(&bytes, 0)

@@ -26,6 +26,10 @@ pub(super) struct Arguments {
     directory: PathBuf,
 }
 
+/// Runs the command.
+///
+/// # Errors
+/// Files that cannot be written, and whatever a step says.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let directory = &arguments.directory;
     std::fs::create_dir_all(directory)

@@ -30,6 +30,10 @@ pub(super) struct Arguments {
 /// Windows of a cache's index that are mapped: none is read.
 const WINDOWS: usize = 1;
 
+/// Runs the command.
+///
+/// # Errors
+/// An input that cannot be read, and standard output that cannot be written.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let facts = if Cache::is_cache(&arguments.input) {
         let cache = Cache::open(&arguments.input, WINDOWS)?;
@@ -67,6 +71,9 @@ fn survey(source: &dyn Source) -> Result<Header> {
 fn facts(header: &Header, path: &Path, kind: &Value) -> Value {
     let levels = || header.levels.iter();
     let simulated = || levels().filter(|level| level.simulation.is_some());
+    // Cells that are there as averages alone are none of the simulation's.
+    let has_covered = source::has_covered_cells(&header.source_format);
+    let own_cells = |level: &TreeLevel| if has_covered { level.cells } else { level.leaf_cells };
     let mut facts = json!({
         "path": path.display().to_string(),
         "kind": kind,
@@ -80,11 +87,11 @@ fn facts(header: &Header, path: &Path, kind: &Value) -> Value {
         "max_level": simulated().filter_map(|level| level.simulation).max(),
         "refinement_factors": factors(header),
         "grids": levels().map(|level| level.grids).sum::<u64>(),
-        "cells": simulated().map(|level| level.cells).sum::<u64>(),
+        "cells": simulated().map(own_cells).sum::<u64>(),
         "leaf_cells": levels().map(|level| level.leaf_cells).sum::<u64>(),
         "brick_edge": header.shape.edge(),
         "bricks": header.nodes(),
-        "levels": levels().map(level_facts).collect::<Vec<_>>(),
+        "levels": levels().map(|level| level_facts(level, own_cells(level))).collect::<Vec<_>>(),
         "fields": header.fields.iter().map(field_facts).collect::<Vec<_>>(),
     });
     if kind == "cache"
@@ -102,12 +109,12 @@ fn factors(header: &Header) -> Vec<u32> {
     octree.windows(2).map(|pair| 1 << (pair[1] - pair[0])).collect()
 }
 
-fn level_facts(level: &TreeLevel) -> Value {
+fn level_facts(level: &TreeLevel, cells: u64) -> Value {
     json!({
         "level": level.simulation,
         "octree_level": level.octree,
         "grids": level.grids,
-        "cells": level.cells,
+        "cells": cells,
         "leaf_cells": level.leaf_cells,
         "bricks": level.nodes,
     })

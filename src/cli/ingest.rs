@@ -64,6 +64,10 @@ pub(super) struct Arguments {
     stats: Option<PathBuf>,
 }
 
+/// Runs the command.
+///
+/// # Errors
+/// Whatever is wrong with the input, the options or the target.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(stats) = &arguments.stats {
         let cache = ("the cache", arguments.output.as_path());

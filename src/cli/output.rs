@@ -10,6 +10,7 @@ pub(super) struct Output {
 }
 
 impl Output {
+    /// Standard output of this process.
     pub(super) fn new() -> Self {
         Self { writer: BufWriter::new(std::io::stdout()) }
     }

@@ -40,22 +40,25 @@ enum Choice {
 /// none must not be read into memory as one line.
 const LONGEST_LINE: usize = 1 << 20;
 
-/// A file whose lines are all at most [`LONGEST_LINE`] long.
+/// A file whose lines are all at most [`LONGEST_LINE`] long. Between quotes lines do not end.
 struct ShortLines {
     file: File,
     /// Bytes since the last line end.
     length: usize,
+    is_quoted: bool,
 }
 
 impl Read for ShortLines {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let count = self.file.read(buffer)?;
-        let read = &buffer[..count];
-        self.length = match read.iter().rposition(|&byte| byte == b'\n') {
-            Some(end) => count - end - 1,
-            None => self.length + count,
-        };
-        if self.length > LONGEST_LINE {
+        let mut longest = 0;
+        for &byte in &buffer[..count] {
+            self.is_quoted ^= byte == b'"';
+            let is_end = byte == b'\n' && !self.is_quoted;
+            self.length = if is_end { 0 } else { self.length + 1 };
+            longest = longest.max(self.length);
+        }
+        if longest > LONGEST_LINE {
             let reason = format!("a line is longer than {LONGEST_LINE} bytes");
             return Err(io::Error::new(ErrorKind::InvalidData, reason));
         }
@@ -73,8 +76,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut probe = Probe::new(&cache, &arguments.field, interpolation)?;
     let file = File::open(&arguments.points)
         .map_err(|source| Error::io(&arguments.points, "cannot read the points", source))?;
-    let mut reader =
-        csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(ShortLines { file, length: 0 });
+    let lines = ShortLines { file, length: 0, is_quoted: false };
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(lines);
     check_title(arguments, &mut reader)?;
     let mut output = Output::new();
     output.line("x,y,z,level,value")?;

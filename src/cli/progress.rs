@@ -8,6 +8,7 @@ pub(super) struct Bar {
 }
 
 impl Bar {
+    /// A bar that begins with `label` and counts in `unit`.
     pub(super) fn new(label: &str, unit: &str) -> Self {
         let bar = ProgressBar::with_draw_target(Some(0), ProgressDrawTarget::stderr());
         let template = format!(

@@ -51,6 +51,10 @@ pub(super) struct Arguments {
     stats: Option<PathBuf>,
 }
 
+/// Runs the command.
+///
+/// # Errors
+/// A cache, scene or option that does not fit, and files that cannot be written.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let started = Instant::now();
     let format = Format::from_path(&arguments.output)?;
@@ -80,7 +84,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut rendered = render(&cache, &scene, &options)?;
     rendered.stats.set_opening(opening);
     warn_of_bound(&rendered.stats, f64::from(rendered.film.largest_value()));
-    write_picture((picture, format), &rendered, &scene, &cache)?;
+    write_picture((picture, format), &rendered, (&scene, &overrides(arguments)), &cache)?;
     stats_file.map_or(Ok(()), |file| file.write(&rendered.stats))
 }
 
@@ -142,10 +146,27 @@ fn all_cores() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }
 
+/// What options say in place of the scene's `[render]` table, line by line as it would stand there.
+fn overrides(arguments: &Arguments) -> String {
+    let samples = arguments.samples.map(|samples| match samples {
+        Samples::Grid(rays) => format!("samples = {rays}\n"),
+        Samples::Area => "samples = \"area\"\n".to_owned(),
+    });
+    let tolerance = arguments.tolerance.map(|tolerance| match tolerance {
+        Tolerance::Absolute(limit) => format!("tolerance = {limit:?}\n"),
+        Tolerance::Relative(part) => format!("tolerance = \"{:?}%\"\n", 100.0 * part),
+    });
+    let fixed = arguments.fixed.map(|fixed| {
+        let FixedSetting { pixels_per_cell, rays_per_axis, relative_accuracy } = fixed;
+        format!("fixed = \"{pixels_per_cell:?},{rays_per_axis},{relative_accuracy:?}\"\n")
+    });
+    [samples, tolerance, fixed].into_iter().flatten().collect()
+}
+
 fn write_picture(
     (file, format): (AtomicFile, Format),
     rendered: &Rendered,
-    scene: &Scene,
+    (scene, overrides): (&Scene, &str),
     cache: &Cache,
 ) -> Result<()> {
     let film = &rendered.film;
@@ -156,9 +177,11 @@ fn write_picture(
                 ("deepfieldVersion", env!("CARGO_PKG_VERSION").to_owned()),
                 ("deepfieldCache", format!("{:016x}", cache.header().checksum)),
                 ("deepfieldScene", scene.source.clone()),
+                ("deepfieldOptions", overrides.to_owned()),
                 ("deepfieldStats", json(&rendered.stats)?),
             ];
-            let attributes = attributes.map(|(name, value)| (name.to_owned(), value));
+            let named = attributes.map(|(name, value)| (name.to_owned(), value));
+            let attributes: Vec<_> = named.into_iter().filter(|(_, v)| !v.is_empty()).collect();
             write_exr(file, film, &attributes, rendered.writers)
         }
     }

@@ -26,6 +26,10 @@ pub(super) struct Arguments {
     scale: f64,
 }
 
+/// Runs the command.
+///
+/// # Errors
+/// A recipe that cannot be read or written out.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut recipe = load(&arguments.recipe)?;
     if let Some(format) = &arguments.format {

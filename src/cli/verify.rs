@@ -20,6 +20,10 @@ pub(super) struct Arguments {
 /// Index windows that a check by one thread needs.
 pub(super) const WINDOWS: usize = 4 * Cursor::WINDOWS;
 
+/// Runs the command.
+///
+/// # Errors
+/// A cache that cannot be opened, or in which anything is damaged.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let opened = Cache::open(&arguments.cache, WINDOWS)?;
     let bar = Bar::new("verify", "bricks");

@@ -27,21 +27,22 @@ const NAMES: [(&str, [i32; 4]); 9] = [
 pub(super) struct Dimensions([i32; 4]);
 
 impl Dimensions {
-    /// Those of a pure number.
+    /// The dimensions of a pure number.
     pub(super) const NONE: Self = Self([0; 4]);
 
-    /// Those of the unit `name`, if it is a cgs one.
+    /// The dimensions of the unit `name`, if it is a cgs one.
     pub(super) fn of_unit(name: &str) -> Option<Self> {
         let (_, halves) = NAMES.iter().find(|(known, _)| *known == name)?;
         Some(Self(halves.map(|n| n * PARTS / 2)))
     }
 
-    /// Those of `self · other^sign`; none where exponents leave what is kept.
+    /// The dimensions of `self · other^sign`; none where an exponent is larger than is kept.
     pub(super) fn times(self, other: Self, sign: i32) -> Option<Self> {
         Self::checked(std::array::from_fn(|i| self.0[i] + sign * other.0[i]))
     }
 
-    /// Those of `self^exponent`; none where that is no multiple of a twelfth.
+    /// The dimensions of `self^exponent`; none where an exponent is no multiple of a twelfth, or
+    /// larger than is kept.
     pub(super) fn power(self, exponent: f64) -> Option<Self> {
         let powers = self.0.map(|n| f64::from(n) * exponent);
         let whole = |x: &f64| x.abs() <= f64::from(LARGEST) && (x - x.round()).abs() < 1e-9;

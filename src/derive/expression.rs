@@ -108,7 +108,7 @@ impl Expression {
     /// Its value in `algebra`.
     ///
     /// # Errors
-    /// Those of the algebra's operations.
+    /// What the algebra's operations refuse.
     pub(super) fn evaluate<A: Algebra>(&self, algebra: &A) -> Result<A::Value, A::Error> {
         self.root.evaluate(algebra)
     }

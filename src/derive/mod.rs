@@ -208,10 +208,6 @@ impl Source for Derived<'_> {
         self.source.for_each_grid(visit)
     }
 
-    fn has_covered_cells(&self) -> bool {
-        self.source.has_covered_cells()
-    }
-
     fn data_files(&self) -> Result<Vec<PathBuf>> {
         self.source.data_files()
     }
@@ -247,7 +243,7 @@ pub fn is_expression(text: &str) -> bool {
     Expression::parse(text).is_ok_and(|expression| !expression.is_name())
 }
 
-/// As much of a definition as a message shows.
+/// The beginning of a definition, as much of it as a message shows.
 fn shortened(definition: &str) -> String {
     const SHOWN: usize = 60;
     let shown: String = definition.chars().take(SHOWN).collect();

@@ -13,9 +13,9 @@ use exr::meta::attribute::{self, AttributeValue, ChannelDescription, LineOrder, 
 use exr::meta::header::Header;
 use exr::meta::{BlockDescription, MetaData, magic_number, sequence_end};
 
-use super::film::Film;
 use super::zip;
 use crate::atomic_file::AtomicFile;
+use crate::render::{Film, MOST_WRITERS};
 use crate::{Error, Result};
 
 /// The channels as the format wants them, by name, each with its place in a pixel.
@@ -23,8 +23,6 @@ const CHANNELS: [(&str, usize); 4] = [("A", 3), ("B", 2), ("G", 1), ("R", 0)];
 /// Widest picture (pixels) whose rows are compressed 16 together: compressing takes up to four
 /// times a block of 16 bytes a pixel.
 const WIDEST_IN_BLOCKS: u32 = 4096;
-/// Most threads that compress.
-pub const MOST_WRITERS: usize = 4;
 /// Their stacks, bytes.
 const STACK_BYTES: usize = 1 << 20;
 /// Longest attribute name that every reader takes (bytes).

@@ -1,13 +1,11 @@
-//! The picture: pixels in memory, and the files they are written to.
+//! The files that pictures are written to.
 
 mod exr;
-mod film;
 mod format;
 mod png;
 mod zip;
 
-pub use exr::{MOST_WRITERS, write_exr};
-pub use film::Film;
+pub use exr::write_exr;
 pub use format::Format;
 pub use png::write_png;
 

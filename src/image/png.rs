@@ -5,8 +5,8 @@ use std::path::Path;
 
 use png::{BitDepth, ColorType, Encoder, EncodingError, SrgbRenderingIntent};
 
-use super::film::Film;
 use crate::atomic_file::AtomicFile;
+use crate::render::Film;
 use crate::scene::linear_to_srgb;
 use crate::{Error, Result};
 

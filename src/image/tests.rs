@@ -7,6 +7,7 @@ use std::path::Path;
 use super::*;
 use crate::Result;
 use crate::atomic_file::AtomicFile;
+use crate::render::Film;
 
 fn film(width: u32, height: u32) -> Film {
     let mut film = Film::new(width, height).unwrap();

@@ -26,7 +26,9 @@ pub(super) struct Rules {
 
 /// A brick to be assembled.
 pub(super) struct Job {
+    /// Its octree level.
     pub(super) octree: i32,
+    /// Its coordinates at that level, in bricks.
     pub(super) coordinates: [u128; 3],
     /// Grids (numbers) that reach into it.
     pub(super) grids: Vec<u64>,
@@ -48,27 +50,37 @@ pub(super) struct FieldCells {
 /// How many cells of which kind a brick has.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Counts {
+    /// Cells at which the level has data, refined further or not.
     pub(super) existing: u32,
+    /// Existing cells that are refined further.
     pub(super) refined: u32,
+    /// Existing cells that are not: leaf cells, dropped ones included.
     pub(super) leaf: u32,
 }
 
 /// An assembled brick.
 pub(super) struct Assembled {
+    /// Its cells, by kind.
     pub(super) counts: Counts,
     /// All fields, [packed](super::packed); nothing where cells are not kept.
     pub(super) packed: Vec<u8>,
     /// The averages for the parent, as [`Upward::to_bytes`] makes them.
     pub(super) upward: Vec<u8>,
+    /// What was counted of each field; sums are of values alone, not yet times the cells' volume.
     pub(super) tallies: Vec<Tally>,
 }
 
 /// Assembles bricks of one data set.
 pub(super) struct Assembler<'s> {
+    /// Where values of cells come from.
     pub(super) cells: SourceCells<'s>,
+    /// How many cells bricks have.
     pub(super) shape: BrickShape,
+    /// Cells of the root grid along each axis.
     pub(super) root_cells: [u64; 3],
+    /// Number of fields.
     pub(super) fields: usize,
+    /// What is dropped, and how exactly values are stored.
     pub(super) rules: Rules,
     /// The source's path, for messages.
     pub(super) place: String,
@@ -239,7 +251,8 @@ struct Draft {
     cells: IndexBox,
     states: Vec<u8>,
     values: Vec<f64>,
-    /// As in [`Averages`]; empty while all are 1.
+    /// The part of each cell's volume that its value stands for, as [`Averages::weights`]; empty
+    /// while all are 1.
     weights: Vec<f64>,
 }
 

@@ -20,12 +20,15 @@ use crate::space::Domain;
 /// Cells of one level.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct LevelCells {
+    /// Cells at which the level has data, refined further or not.
     pub(super) existing: u64,
+    /// Cells that no finer level covers.
     pub(super) leaf: u64,
 }
 
 /// What pass 2 found.
 pub(super) struct Built {
+    /// The assembled bricks of all levels.
     pub(super) store: BrickStore,
     /// Cells of each tree level, the root's first.
     pub(super) cells: Vec<LevelCells>,

@@ -26,9 +26,14 @@ struct Finished {
 
 /// What pass 3 needs.
 pub(super) struct Completion<'s> {
+    /// The bricks of pass 2.
     pub(super) store: &'s BrickStore,
+    /// The cache's header, complete but for where things lie in the file and for the largest number
+    /// of ancestors' blocks.
     pub(super) header: Header,
+    /// The cache's path, for messages.
     pub(super) target: &'s Path,
+    /// Where temporary files go.
     pub(super) directory: &'s Path,
     /// Bytes of stored bricks to keep in memory.
     pub(super) memory: usize,

@@ -10,6 +10,8 @@ use crate::{Error, Result};
 /// A field's record, and how far the brick's interpolants are from its parent's.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct FieldDraft {
+    /// The record as it will stand in the index; until [`Drafts::complete`] without what lies
+    /// beneath.
     pub(super) record: FieldRecord,
     /// Bounds of |F − F of the parent| over the brick's box: unscaled, and of log10.
     pub(super) to_parent: [f64; 2],
@@ -20,7 +22,9 @@ pub(super) struct FieldDraft {
 /// A brick's records.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Draft {
+    /// The record that holds for all fields.
     pub(super) node: NodeRecord,
+    /// One for each field.
     pub(super) fields: Vec<FieldDraft>,
 }
 
@@ -31,6 +35,10 @@ pub(super) struct Drafts {
 }
 
 impl Drafts {
+    /// No records yet, of bricks with `fields` fields, in a nameless temporary file in `directory`.
+    ///
+    /// # Errors
+    /// A file that cannot be made.
     pub(super) fn new(directory: &Path, fields: usize) -> Result<Self> {
         Ok(Self { spool: Spool::new(directory)?, fields })
     }
@@ -39,6 +47,10 @@ impl Drafts {
         NodeRecord::BYTES + self.fields * (FieldRecord::BYTES + 17)
     }
 
+    /// Writes the records of brick `node`, its number in the index.
+    ///
+    /// # Errors
+    /// Temporary data that cannot be written.
     pub(super) fn put(&self, node: u64, draft: &Draft) -> Result<()> {
         let mut bytes = ByteWriter::default();
         draft.node.write(&mut bytes);
@@ -50,6 +62,10 @@ impl Drafts {
         self.spool.overwrite(node * self.bytes() as u64, &bytes.bytes)
     }
 
+    /// Reads the records of brick `node`, which must have been written.
+    ///
+    /// # Errors
+    /// Temporary data that cannot be read or are no records any more.
     pub(super) fn get(&self, node: u64) -> Result<Draft> {
         let mut bytes = vec![0; self.bytes()];
         self.spool.read(node * bytes.len() as u64, &mut bytes)?;

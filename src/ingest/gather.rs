@@ -12,9 +12,13 @@ use crate::{Error, Result};
 
 /// Gathers the payloads of one field.
 pub(super) struct Gatherer<'s> {
+    /// The bricks of pass 2.
     pub(super) bricks: &'s StoredBricks<'s>,
+    /// How many cells bricks have.
     pub(super) shape: BrickShape,
+    /// Cells of the root grid along each axis.
     pub(super) root_cells: [u64; 3],
+    /// The field's number.
     pub(super) field: usize,
     /// The field's power of two: stored values are `value · 2^-exponent`.
     pub(super) exponent: i32,

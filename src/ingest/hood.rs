@@ -9,9 +9,11 @@ use crate::cache::BrickPlace;
 /// A brick with its 26 neighbours of the same level, and its ancestors with theirs.
 #[derive(Debug)]
 pub(super) struct Hood {
+    /// Level and coordinates of the brick.
     pub(super) place: BrickPlace,
     /// Numbers within the level, by direction (see [`direction`]); none where no brick is.
     pub(super) bricks: [Option<u64>; 27],
+    /// The parent with its neighbours; none for the root.
     pub(super) parent: Option<Arc<Hood>>,
 }
 
@@ -73,6 +75,7 @@ pub(super) struct Walk<'s> {
 }
 
 impl<'s> Walk<'s> {
+    /// A walk that begins at the root, `upper` octree levels above the root grid.
     pub(super) fn new(store: &'s BrickStore, upper: u32) -> Self {
         Self { store, pending: Vec::new(), upper: upper as i32, started: false }
     }

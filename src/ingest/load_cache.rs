@@ -31,6 +31,7 @@ struct Entry<V> {
 }
 
 impl<K: Eq + Hash + Copy, V> LoadCache<K, V> {
+    /// An empty cache that keeps up to `limit` bytes.
     pub(super) fn new(limit: usize) -> Self {
         let (known, order) = (HashMap::new(), BTreeMap::new());
         let entries = Entries { known, order, uses: 0, bytes: 0 };

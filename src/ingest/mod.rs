@@ -32,7 +32,7 @@ use std::path::Path;
 
 use crate::atomic_file::AtomicFile;
 use crate::cache::{BrickShape, CachedField, Header, MAX_FIELDS, TreeLevel};
-use crate::source::{Hierarchy, Source, SourceField};
+use crate::source::{Hierarchy, Source, SourceField, has_covered_cells};
 use crate::space::{Decimal, Domain, FRACTION_BITS, IndexBox, MAX_OCTREE_LEVEL};
 use crate::spelling::{nearest_first, position};
 use crate::{Error, Result};
@@ -128,7 +128,7 @@ pub fn ingest(
 /// places of things. Temporary files go to `directory`.
 ///
 /// # Errors
-/// As [`ingest`].
+/// Anything wrong with the source or the options, and temporary files that cannot be written.
 pub fn survey(
     source: &dyn Source,
     directory: &Path,
@@ -228,7 +228,7 @@ fn check_spans(source: &dyn Source, header: &Header, tallies: &[tally::Tally]) -
 fn check_levels(source: &dyn Source, max_level: Option<u32>) -> Result<()> {
     let deepest = source.hierarchy().levels.count().saturating_sub(1);
     match max_level {
-        Some(most) if (most as usize) < deepest && !source.has_covered_cells() => {
+        Some(most) if (most as usize) < deepest && !has_covered_cells(source.format()) => {
             Err(Error::request(format!(
                 "--max-level {most}: of {} outputs only blocks that are not refined further have \
                  values, so none of the {deepest} levels can be left out: leave the option out, and \

@@ -25,11 +25,13 @@ impl<'l> Progress<'l> {
         Self { listener, stage: Stage::Hierarchy, done: 0, total: 0 }
     }
 
+    /// Tells that `stage` begins, with about `total` bricks (0: unknown).
     pub(super) fn begin(&mut self, stage: Stage, total: u64) {
         (self.stage, self.done, self.total) = (stage, 0, total);
         (self.listener)(stage, 0, total);
     }
 
+    /// Tells that `bricks` more are done; the total grows where it was too small.
     pub(super) fn advance(&mut self, bricks: u64) {
         self.done += bricks;
         (self.listener)(self.stage, self.done, self.total.max(self.done));

@@ -97,7 +97,7 @@ impl<R: Record> Sorted<R> {
 pub(super) struct Merge<'s, R> {
     streams: Vec<Stream<'s>>,
     heap: BinaryHeap<Head<R>>,
-    /// Those of a record.
+    /// Room for the bytes of one record.
     bytes: Vec<u8>,
 }
 

@@ -15,8 +15,11 @@ use crate::cache::BrickShape;
 pub(super) struct Topology {
     /// Number of the first child within the next level.
     pub(super) first_child: u64,
+    /// Which octants have a child: bit `x + 2y + 4z`.
     pub(super) child_mask: u8,
+    /// The brick's own octant in its parent, `x + 2y + 4z`.
     pub(super) octant: u8,
+    /// Its cells, by kind.
     pub(super) counts: Counts,
 }
 
@@ -161,6 +164,7 @@ pub(super) struct StoredBricks<'s> {
 }
 
 impl<'s> StoredBricks<'s> {
+    /// A cache in front of `store` that keeps up to `memory` bytes of bricks.
     pub(super) fn new(store: &'s BrickStore, memory: usize) -> Self {
         Self { store, cache: LoadCache::new(memory) }
     }

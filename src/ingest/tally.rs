@@ -114,18 +114,30 @@ impl Extrema {
 /// else is said.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Tally {
+    /// Smallest value; infinite without any.
     pub(super) min: f64,
+    /// Largest value; −infinite without any.
     pub(super) max: f64,
+    /// Smallest value above 0; infinite without any.
     pub(super) smallest_positive: f64,
+    /// Smallest magnitude of values that are not 0; infinite without any.
     pub(super) smallest_magnitude: f64,
+    /// Σ value, from the source's values. This sum and the others are of one brick's values alone
+    /// until [`Self::merge`] adds them times the volume of its cells.
     pub(super) sum: Sum,
+    /// Σ value, from the values as stored.
     pub(super) stored_sum: Sum,
+    /// Leaf cells that are NaN and not dropped.
     pub(super) nan_cells: u64,
+    /// Leaf cells dropped.
     pub(super) dropped_cells: u64,
+    /// Volume of the dropped leaf cells, counted by [`Self::merge`] alone.
     pub(super) dropped_volume: Sum,
+    /// Σ value of the dropped leaf cells, NaN left out.
     pub(super) dropped_sum: Sum,
-    /// Largest relative error of values as they are stored, averages included, and of leaf cells.
+    /// Largest relative error of values as they are stored, averages included.
     pub(super) relative_error: f64,
+    /// Largest relative error of leaf cells' values as they are stored.
     pub(super) leaf_error: f64,
 }
 

@@ -11,7 +11,7 @@ use crate::{Error, Result};
 /// files that extend its name. A cache may be written anew wherever it lies.
 ///
 /// # Errors
-/// Such a target, and data files that cannot be listed.
+/// A target that is such a file, and data files that cannot be listed.
 pub fn refuse_source_files(source: &dyn Source, target: &Path) -> Result<()> {
     let refuse = |what: &str| {
         Err(Error::request(format!("{}: {what}; name another file", target.display())))

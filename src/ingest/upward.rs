@@ -71,6 +71,7 @@ pub(super) struct UpwardLevel {
 }
 
 impl UpwardLevel {
+    /// A level's file, of averages over bricks of `shape` with `fields` fields each.
     pub(super) fn new(spool: Spool, shape: BrickShape, fields: usize) -> Self {
         Self { spool, shape, fields }
     }
@@ -80,10 +81,18 @@ impl UpwardLevel {
         self.spool.append(upward).map(|_| ())
     }
 
+    /// Makes everything pushed so far readable.
+    ///
+    /// # Errors
+    /// Temporary data that cannot be written.
     pub(super) fn flush(&mut self) -> Result<()> {
         self.spool.flush()
     }
 
+    /// A reader at the first brick of those pushed, which must have been flushed.
+    ///
+    /// # Errors
+    /// Temporary data that cannot be read.
     pub(super) fn reader(&self) -> Result<UpwardReader<'_>> {
         let stream = self.spool.stream(0, self.spool.len(), 256 << 10);
         let cells = self.shape.cells() / 8;

@@ -21,33 +21,47 @@ pub(super) const MOST_LANES: usize = 16;
 pub(super) struct Row(pub(super) [f32; MOST_LANES]);
 
 impl Row {
+    /// 0 in all lanes.
     pub(super) const ZERO: Self = Self([0.0; MOST_LANES]);
 }
 
-/// Bytes behind the last that is gathered.
+/// Bytes that a table of bytes needs behind the last that is gathered: reads may take four at once.
 pub(super) const BYTE_PADDING: usize = 3;
 
 /// Several f32 at once. Masks are of lanes; indices are whole numbers from 0 on.
 pub(super) trait Lanes: Copy {
-    /// How many.
+    /// Number of lanes.
     const COUNT: usize;
+    /// One f32 a lane.
     type Float: Copy;
+    /// One u32 a lane.
     type Index: Copy;
+    /// One bit a lane.
     type Mask: Copy;
 
+    /// `x` in all lanes.
     fn splat(self, x: f32) -> Self::Float;
+    /// The first [`Self::COUNT`] numbers of `row`.
     fn load(self, row: &Row) -> Self::Float;
+    /// Writes `x` to the first [`Self::COUNT`] numbers of `row` and leaves the others.
     fn store(self, x: Self::Float, row: &mut Row);
+    /// a + b.
     fn add(self, a: Self::Float, b: Self::Float) -> Self::Float;
+    /// a − b.
     fn sub(self, a: Self::Float, b: Self::Float) -> Self::Float;
+    /// a·b.
     fn mul(self, a: Self::Float, b: Self::Float) -> Self::Float;
+    /// a / b.
     fn div(self, a: Self::Float, b: Self::Float) -> Self::Float;
     /// a·b + c, rounded once.
     fn fused(self, a: Self::Float, b: Self::Float, c: Self::Float) -> Self::Float;
     /// a·b + c, rounded once or twice.
     fn fma(self, a: Self::Float, b: Self::Float, c: Self::Float) -> Self::Float;
+    /// The smaller; `b` where either is NaN.
     fn min(self, a: Self::Float, b: Self::Float) -> Self::Float;
+    /// The larger; `b` where either is NaN.
     fn max(self, a: Self::Float, b: Self::Float) -> Self::Float;
+    /// The largest whole number ≤ x.
     fn floor(self, x: Self::Float) -> Self::Float;
     /// 2ⁿ for whole n from −126 to 127.
     fn power_of_two(self, n: Self::Float) -> Self::Float;
@@ -57,17 +71,21 @@ pub(super) trait Lanes: Copy {
     fn has_sign(self, x: Self::Float) -> Self::Mask;
     /// `a` where the mask is set, else `b`.
     fn select(self, mask: Self::Mask, a: Self::Float, b: Self::Float) -> Self::Float;
+    /// Set in both.
     fn and(self, a: Self::Mask, b: Self::Mask) -> Self::Mask;
     /// Set in `a` and not in `b`.
     fn without(self, a: Self::Mask, b: Self::Mask) -> Self::Mask;
     /// Bit n for lane n.
     fn bits(self, mask: Self::Mask) -> u32;
+    /// Set in lane n where bit n of `bits` is.
     fn mask(self, bits: u32) -> Self::Mask;
     /// The whole part of `x` ≥ 0.
     fn index(self, x: Self::Float) -> Self::Index;
+    /// An index below 2³¹ as a number, rounded to f32.
     fn float(self, index: Self::Index) -> Self::Float;
     /// Whether bit `bit` of an index is set.
     fn has_bit(self, index: Self::Index, bit: u32) -> Self::Mask;
+    /// Whether an index is `value`.
     fn is_index(self, a: Self::Index, value: u32) -> Self::Mask;
     /// In each lane what `x` is in the lane that its index names, modulo the number of lanes.
     fn deal(self, x: Self::Float, lanes: Self::Index) -> Self::Float;
@@ -84,13 +102,16 @@ pub(super) trait Lanes: Copy {
     /// `table[index]`, of the last row where that is beyond it.
     fn gather_row<const N: usize>(self, table: &[[f32; N]], index: Self::Index)
     -> [Self::Float; N];
+    /// `table[index]`, of the last element where that is beyond it.
     fn gather_bits(self, table: &[u32], index: Self::Index) -> Self::Index;
-    /// Of a table with [`BYTE_PADDING`] more bytes at its end.
+    /// `table[index]`, widened, of a table with [`BYTE_PADDING`] more bytes at its end; of the last
+    /// before these where the index is beyond it.
     fn gather_bytes(self, table: &[u8], index: Self::Index) -> Self::Index;
     /// An f32's bits.
     fn bits_of(self, x: Self::Float) -> Self::Index;
-    /// The f32 whose bits are the upper, or the lower, half of the index and zeros.
+    /// The f32 whose upper 16 bits are the upper half of the index, the others 0.
     fn upper_half(self, index: Self::Index) -> Self::Float;
+    /// The f32 whose upper 16 bits are the lower half of the index, the others 0.
     fn lower_half(self, index: Self::Index) -> Self::Float;
 }
 
@@ -105,6 +126,7 @@ fn last_of_pairs(table: &[f32], offsets: [usize; 4]) -> usize {
 
 /// What runs on lanes of any kind.
 pub(super) trait Kernel {
+    /// What the kernel returns.
     type Output;
     /// Has to be `inline(always)`, as all that it calls with lanes: only so is it compiled for the
     /// processor that the lanes need.

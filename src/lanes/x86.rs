@@ -1,6 +1,6 @@
 //! Lanes of x86-64 processors: AVX2 with FMA, and AVX-512.
 //!
-//! One of the project's two rooms with unsafe code. Two things make it sound: a value of [`Avx2`]
+//! One of the project's three rooms with unsafe code. Two things make it sound: a value of [`Avx2`]
 //! or [`Avx512`] exists only where the processor has the instructions, so that any of its methods
 //! may use them; and what reads memory clamps every index to its table first.
 #![allow(unsafe_code, clippy::needless_range_loop)]
@@ -13,17 +13,19 @@ use super::{BYTE_PADDING, Kernel, Lanes, Row, last_of_pairs};
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Avx2(());
 
-/// Proof of AVX-512 F and DQ.
+/// Proof of AVX-512 F, DQ and VL, and of AVX2 and FMA.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Avx512(());
 
 impl Avx2 {
+    /// None where the processor lacks AVX2 or FMA.
     #[inline]
     pub(super) fn new() -> Option<Self> {
         let is_here = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
         is_here.then_some(Self(()))
     }
 
+    /// Runs `kernel` compiled for AVX2 and FMA.
     #[inline]
     pub(super) fn run<K: Kernel>(self, kernel: K) -> K::Output {
         #[target_feature(enable = "avx2,fma")]
@@ -36,6 +38,7 @@ impl Avx2 {
 }
 
 impl Avx512 {
+    /// None where the processor lacks AVX-512 F, DQ or VL, or what [`Avx2`] needs.
     #[inline]
     pub(super) fn new() -> Option<Self> {
         let is_here = is_x86_feature_detected!("avx512f")
@@ -45,6 +48,7 @@ impl Avx512 {
         is_here.then_some(Self(()))
     }
 
+    /// Runs `kernel` compiled for AVX-512 F, DQ and VL.
     #[inline]
     pub(super) fn run<K: Kernel>(self, kernel: K) -> K::Output {
         #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx2,fma")]

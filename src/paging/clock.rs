@@ -48,13 +48,15 @@ pub(super) struct Clock<B> {
     limit: usize,
     places: HashMap<u64, usize>,
     hand: usize,
-    /// Of bricks that have been filled, first the first; some of slots that hold others by now.
+    /// Last turns of bricks that have been filled, the earliest on top, each with its slot. Notes
+    /// are not taken back: one counts only while its slot still has that last turn.
     turns: BinaryHeap<Reverse<LastTurn>>,
     /// The first turn that is not over.
     turn: u64,
 }
 
 impl<B> Clock<B> {
+    /// A clock without slots, which makes up to `limit`.
     pub(super) fn new(limit: usize) -> Self {
         let (slots, turns) = Default::default();
         Self { slots, limit, places: HashMap::new(), hand: 0, turns, turn: 0 }
@@ -96,6 +98,7 @@ impl<B> Clock<B> {
         }
     }
 
+    /// Whether a slot is taken for `key`, its brick filled or not yet.
     pub(super) fn holds(&self, key: u64) -> bool {
         self.places.contains_key(&key)
     }
@@ -124,7 +127,8 @@ impl<B> Clock<B> {
         self.claim_within(key, passes.saturating_mul(self.limit), new)
     }
 
-    /// As [`Self::claim`], but leaves slots alone that have credit left: one pass at most.
+    /// Takes a slot for `key` as [`Self::claim`] does, but leaves slots alone that have credit
+    /// left: one pass of the hand at most.
     pub(super) fn claim_idle(
         &mut self,
         key: u64,

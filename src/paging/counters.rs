@@ -81,6 +81,8 @@ impl Counters {
         time(&self.worked_nanoseconds)
     }
 
+    /// Counts a load of brick `key`, as its first at `level` or as a further one, and what it took
+    /// from the file. A first load at a level that the counters do not have is not counted.
     pub(crate) fn count_load(&self, key: u64, level: usize, loaded: &Loaded) {
         self.bytes_read.fetch_add(loaded.read, Ordering::Relaxed);
         self.bytes_decompressed.fetch_add(loaded.decompressed, Ordering::Relaxed);
@@ -92,10 +94,12 @@ impl Counters {
         }
     }
 
+    /// Adds to [`Self::waited`].
     pub(super) fn count_wait(&self, time: Duration) {
         add(&self.waited_nanoseconds, time);
     }
 
+    /// Adds to [`Self::worked`].
     pub(super) fn count_work(&self, time: Duration) {
         add(&self.worked_nanoseconds, time);
     }

@@ -55,9 +55,6 @@ impl<'l, L: Loader> Pool<'l, L> {
     ) -> Result<Pinned<L::Brick>> {
         let mut clock = self.lock();
         let (key, last_turn) = (request.key(), request.last_turn());
-        if let Found::Ready(brick) = clock.find(key, last_turn) {
-            return Ok(Pinned(brick));
-        }
         loop {
             match clock.find(key, last_turn) {
                 Found::Ready(brick) => return Ok(Pinned(brick)),

@@ -21,13 +21,15 @@ const ROOT_ROUNDING: f64 = 16.0 * f64::EPSILON;
 /// parts of ∫ T̃ ds (`lit`) times what the transfer function does there.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Tally {
-    /// Length, code length, and ∫ T̃ ds.
+    /// Length of the stretch, code length.
     pub(super) length: f64,
+    /// ∫ T̃ ds, code length.
     pub(super) lit: f64,
     /// Slopes of emission and extinction.
     pub(super) slope: Sums,
-    /// Steps within reach, and steps of slopes.
+    /// Steps of emission and extinction within reach.
     pub(super) jumps: Sums,
+    /// Steps of their slopes within reach.
     pub(super) kinks: Sums,
     /// Slopes, and steps of slopes, times what x is off by storage.
     pub(super) stored: Sums,
@@ -41,6 +43,7 @@ pub(super) struct Tally {
 pub(super) struct Integrator<'a> {
     /// The pieces that stretches are cut into.
     pub(super) pieces: &'a PieceList,
+    /// What the ray has gathered so far.
     pub(super) state: &'a mut RayState,
     /// Where the ray may end.
     ending: &'a Ending,
@@ -292,6 +295,7 @@ impl<'a> Integrator<'a> {
     }
 }
 
+/// The smallest and the largest of `points`, NaN left out.
 #[inline]
 pub(super) fn range<const N: usize>(points: &[f64; N]) -> [f64; 2] {
     let low = points.iter().copied().fold(f64::INFINITY, f64::min);

@@ -83,8 +83,8 @@ struct Ladder<'r> {
 }
 
 impl<'r> Ladder<'r> {
-    /// Of the octant of `cell` that holds the stretch from `line[0]` to `line[1]` (local cells),
-    /// `length` code lengths long; in the memory of `rungs`.
+    /// The ladder of the octant of `cell` that holds the stretch from `line[0]` to `line[1]` (local
+    /// cells), `length` code lengths long; in the memory of `rungs`.
     fn new(
         (brick, drawn): (&ScaledBrick, DrawnNeighbours),
         cell: [usize; 3],

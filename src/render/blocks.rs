@@ -1,7 +1,7 @@
 //! The blocks of cells that a decoded brick holds: mapped values, in f64 and as packets see them.
 
-use super::lanes::BYTE_PADDING;
 use crate::cache::{Block, BrickShape, state};
+use crate::lanes::BYTE_PADDING;
 
 /// Mapped values are held to ± this.
 const LARGEST: f64 = 1e30;
@@ -53,6 +53,8 @@ impl ScaledBlock {
         (self.corner, self.scale) = (other.corner, other.scale);
     }
 
+    /// Takes in the cells of `raw`, their values mapped and held to what is allowed; cells that do
+    /// not exist become 0 until they are filled. `corner` and `scale` are left as they are.
     pub(super) fn load(&mut self, raw: &Block, mapping: impl Fn(&[f32], &mut [f64])) {
         self.begin(raw.side, raw.states.iter().copied());
         self.values.resize(raw.values.len(), 0.0);
@@ -63,6 +65,7 @@ impl ScaledBlock {
     }
 }
 
+/// A mapped value as it is kept: NaN becomes 0, others are held to ±10³⁰.
 pub(super) fn held(x: f64) -> f64 {
     if x.is_nan() { 0.0 } else { x.clamp(-LARGEST, LARGEST) }
 }
@@ -79,11 +82,14 @@ pub(super) struct NarrowBlock {
 }
 
 impl NarrowBlock {
+    /// Empties the block; its memory is kept.
     pub(super) fn clear(&mut self) {
         self.values.clear();
         self.corners.clear();
     }
 
+    /// Takes in the values of `block`, into a block that was cleared; and which corners exist where
+    /// the brick has borders.
     pub(super) fn fill(&mut self, block: &ScaledBlock, has_borders: bool) {
         self.values.reserve_exact(block.values.len());
         self.values.extend(block.values.iter().map(|&x| x as f32));

@@ -6,7 +6,6 @@ use proptest::prelude::*;
 use super::frame::LocalRay;
 use super::grade::Care;
 use super::interpolant::DrawnNeighbours;
-use super::lanes::Width;
 use super::march::{Beam, march};
 use super::march_tests::{shells, smooth, steps, transfer};
 use super::packet_tests::{EDGE, LONGEST, Setting, WIDTH, glowing};
@@ -18,6 +17,7 @@ use super::steepness::Surveyor;
 use super::test_data::{At, BRICKS, TestData, rough};
 use super::transfer_pieces::TransferPieces;
 use crate::cache::{BrickShape, state};
+use crate::lanes::Width;
 use crate::scene::{FieldExtrema, Interpolation, Mapping, Scale, TransferFunction};
 
 /// Nothing hides, and values are the source's.

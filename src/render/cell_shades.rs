@@ -24,6 +24,7 @@ impl CellShades {
         edge.pow(3) * (size_of::<[f32; 4]>() + size_of::<u32>())
     }
 
+    /// Forgets all cells; the memory is kept.
     pub(super) fn clear(&mut self) {
         self.rows.clear();
         self.storages.clear();

@@ -70,7 +70,7 @@ impl FootprintCut {
         Ok(Self { domain: domain.clone(), shape, rule, precision: Precision::Full })
     }
 
-    /// The same that has values read in short.
+    /// This cut, but with values read in [`Precision::Short`].
     pub fn in_short(self) -> Self {
         Self { precision: Precision::Short, ..self }
     }

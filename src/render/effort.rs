@@ -28,20 +28,22 @@ const MOST_HALVED: u32 = 3;
 pub(super) struct Effort {
     /// At most, on average over a tile, where they stand for areas.
     pub(super) most: u64,
-    /// The same where bounds of all pixels are sought, and on average over the picture what these are
-    /// worth.
+    /// At most, on average over a tile, where they stand for areas and bounds of all pixels are
+    /// sought.
     pub(super) most_certified: u64,
+    /// What bounds of all pixels are worth, on average over the picture.
     pub(super) worthwhile: u64,
-    /// The same as the first where bounds are not sought, but what may shine is.
+    /// At most, on average over a tile, where they stand for areas and bounds are not sought, but
+    /// what may shine is.
     pub(super) scouting: u64,
     /// At most, on average over a tile, where they stand for themselves.
     pub(super) most_alone: u64,
-    /// How often a pixel is halved at least for these.
+    /// How often a pixel is halved at least for rays that stand for themselves.
     pub(super) least_halvings: u8,
 }
 
 impl Effort {
-    /// Of a picture of so many pixels.
+    /// What a picture of so many pixels takes.
     pub(super) fn of(pixels: u64) -> Self {
         let each = |all: u64| all / pixels.max(1);
         let most = each(MOST).clamp(FEWEST_PER_PIXEL, MOST_PER_PIXEL);

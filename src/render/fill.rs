@@ -4,9 +4,11 @@
 use super::blocks::ScaledBlock;
 use crate::cache::visit_outside;
 
-/// The next coarser block, complete, and the level's cell index of its first cell.
+/// The next coarser block.
 pub(super) struct Above<'a> {
+    /// The block, all of its cells filled.
     pub(super) block: &'a ScaledBlock,
+    /// Index of its first cell among all cells of its level.
     pub(super) first: [i128; 3],
 }
 
@@ -71,7 +73,8 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Of a cell's parent, and of the parent's neighbour on the cell's side.
+/// Weights along an axis: of the parent of the cell to be filled, and of the parent's neighbour on
+/// that cell's side.
 const WEIGHTS: [f64; 2] = [0.75, 0.25];
 
 /// Gives cells outside the domain the value of the nearest cell inside.

@@ -19,10 +19,13 @@ pub struct Frame {
     pub(super) cells_per_unit: f64,
     /// Depth of that point, code length from the eye along the view direction.
     pub(super) depth: f64,
-    /// Width of the brick's cells, code length; and how many there are to it.
+    /// Width of the brick's cells along each axis, code length.
     pub(super) cell_width: DVec3,
+    /// Cells per code length along each axis.
     pub(super) cells_per_length: DVec3,
+    /// The directions of the camera.
     pub(super) basis: Basis,
+    /// Whether rays leave from one eye point; else all go along the view direction.
     pub(super) is_perspective: bool,
 }
 
@@ -61,7 +64,7 @@ impl Frame {
         self.ray_of(&self.basis.aim(plane, self.is_perspective))
     }
 
-    /// The ray aimed so.
+    /// The ray that is aimed as `aim` says.
     #[inline]
     pub(super) fn ray_of(&self, aim: &Aim) -> LocalRay {
         let (forward, aside, length) =
@@ -114,7 +117,8 @@ impl Frame {
         edge / ray.direction.abs().max_element() * ray.length
     }
 
-    /// The same in cells twice as wide.
+    /// The same camera as a brick sees it whose lowest corner is the same and whose cells are twice
+    /// as wide.
     pub(super) fn coarser(&self) -> Self {
         Self {
             anchor: self.anchor * 0.5,

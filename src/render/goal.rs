@@ -18,9 +18,9 @@ pub(super) struct Goal {
     pub(super) behind: f64,
     /// Rays that a tile takes at most for each of its pixels, where these stand for areas.
     pub(super) rays_per_pixel: u64,
-    /// The same with rays that stand for themselves.
+    /// Rays that a tile takes at most for each of its pixels, where these stand for themselves.
     pub(super) alone_per_pixel: u64,
-    /// How often a pixel is halved at least for these.
+    /// How often a pixel is halved at least for rays that stand for themselves.
     pub(super) least_halvings: u8,
     /// Whether all pixels' bounds are to come within the tolerance, so that rays are spent on these.
     pub(super) certifies: bool,
@@ -53,9 +53,9 @@ pub(super) struct TileError {
     pub(super) shares: ErrorShares,
     /// In all likelihood, where that bound is above the tolerance.
     pub(super) estimate: f64,
-    /// The power of the number of rays that bounds of areas have fallen with, and how many rays
-    /// pixels need on average if they go on so.
+    /// The power of the number of rays that bounds of areas have fallen with.
     pub(super) power: f64,
+    /// How many rays pixels need on average if bounds go on to fall so.
     pub(super) rays_needed: f64,
     /// The part of pixels that need more than any may take.
     pub(super) beyond: f64,

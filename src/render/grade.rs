@@ -98,6 +98,7 @@ const CELLS_OF_LEVEL: f64 = 512.0;
 pub(super) struct PacketTransfer {
     /// No other has this one.
     number: u64,
+    /// The transfer function as packets look it up.
     pub(super) table: TransferTable,
     /// What its bends are bounded by.
     pub(super) close: TransferPieces,
@@ -111,8 +112,9 @@ pub(super) struct PacketTransfer {
 }
 
 impl PacketTransfer {
-    /// Of a table and what its bends are bounded by, of light that may be off by `allowed` along a
-    /// ray with so much light expected from `behind`, through a domain of a `longest` way.
+    /// What packets march by: a table and what its bends are bounded by, for light that may be off
+    /// by `allowed` along a ray, with so much light expected from `behind`, in a domain through
+    /// which the longest way is `longest`, code length.
     pub(super) fn new(
         (table, close): (TransferTable, TransferPieces),
         (allowed, behind): (Option<f64>, f64),
@@ -121,7 +123,8 @@ impl PacketTransfer {
         Self { number: next_number(), table, close, allowed, longest, behind }
     }
 
-    /// The same for another goal.
+    /// Takes another goal: what the march may be off by along a ray, in the picture's own unit, and
+    /// the light that is expected from behind.
     pub(super) fn aim(&mut self, allowed: f64, behind: f64) {
         (self.number, self.allowed, self.behind) = (next_number(), Some(allowed), behind);
     }
@@ -142,19 +145,26 @@ fn next_number() -> u64 {
 /// The groups of a brick, as packets see them. Its memory is reused from brick to brick.
 #[derive(Debug, Default)]
 pub(super) struct Grades {
-    /// As [`super::packet::Ground`] has them.
+    /// What each group may be off by: [`super::packet::Ground::rates`].
     pub(super) rates: Vec<u32>,
+    /// What levels beneath make each group be off by: [`super::packet::Ground::levels`].
     pub(super) levels: Vec<u32>,
+    /// All that is known of each group: [`super::packet::Ground::rows`].
     pub(super) rows: Vec<[f32; 8]>,
     /// Whether rows have what [`Self::look_around`] finds.
     has_near: bool,
+    /// Slopes and ranges of each group: [`super::packet::Ground::reliefs`].
     pub(super) reliefs: Vec<[f32; 8]>,
+    /// How far kinks are looked for: [`super::packet::Ground::reach`]; set only where rays stand
+    /// for squares.
     pub(super) reach: f32,
     /// Whether rays of squares wider than a cell may go through.
     pub(super) is_fit_for_wide: bool,
+    /// Parts that the way through a cell is cut into, at most.
     pub(super) parts: u32,
-    /// As [`Care::share_of_cell`] has it.
+    /// What a single cell may be off by ([`Care::share_of_cell`]); 1 where cells are constant.
     pub(super) share: f64,
+    /// The most that stored values make of x: [`super::packet::Ground::storage`].
     pub(super) storage: [f32; 2],
     /// Groups that packets march through.
     pub(super) fit: usize,
@@ -200,8 +210,8 @@ impl Grades {
         }
     }
 
-    /// The same of a brick whose cells are constant and far from steps: there all groups are fit,
-    /// and their rates say the most that they emit and absorb.
+    /// Grades the groups of a brick whose cells are constant and far from steps: there all groups
+    /// are fit, and their rates say the most that they emit and absorb.
     pub(super) fn fill_cells(
         &mut self,
         (relief, hides): (&Relief, bool),
@@ -217,7 +227,8 @@ impl Grades {
         self.reliefs.clear();
     }
 
-    /// What lies beneath.
+    /// Takes in what levels beneath make each group be off by, where the brick is drawn in their
+    /// place.
     fn fill_levels(&mut self, (relief, hides): (&Relief, bool), transfer: &PacketTransfer) {
         self.levels.clear();
         if hides {
@@ -226,8 +237,8 @@ impl Grades {
         }
     }
 
-    /// Finds what lies beneath a group or any beside it, of so many along an edge, unless that is
-    /// known.
+    /// Finds the most that levels beneath make in a group or any beside it, `side` groups along an
+    /// edge, unless that is known.
     pub(super) fn look_around(&mut self, side: usize) {
         if self.has_near {
             return;
@@ -256,12 +267,12 @@ impl Grades {
 /// Where a group's row has levels near it.
 const NEAR: usize = 6;
 
-/// The larger of both halves.
+/// The larger of the upper halves and the larger of the lower ones.
 fn larger_halves(a: u32, b: u32) -> u32 {
     (a & !0xffff).max(b & !0xffff) | (a & 0xffff).max(b & 0xffff)
 }
 
-/// As [`super::packet::Ground::reliefs`] has it.
+/// A group's entry in [`super::packet::Ground::reliefs`].
 fn row(group: &Group) -> [f32; 8] {
     let ([x, y, z], [p, q, r]) = (group.slope, group.uneven);
     [x, y, z, p, q, r, group.high - group.low, 0.0].map(up)
@@ -351,13 +362,14 @@ const BASE_ROUNDING: f64 = 3e-7;
 /// More than anything that is stored makes, in f32.
 const MOST_STORED: f64 = 1e38;
 
-/// Both relative to the table's largest.
+/// Emission and extinction of `off`, each relative to the table's scale of it.
 fn relative(off: Change, table: &TransferTable) -> [f64; 2] {
     let extinction = if table.extinction > 0.0 { off.extinction / table.extinction } else { 0.0 };
     [off.emission / table.emission, extinction]
 }
 
-/// The same, rounded up to the upper halves of f32.
+/// What [`relative`] says, rounded up to the upper halves of f32 and packed into one number; never
+/// [`UNFIT`].
 fn pack(off: Change, table: &TransferTable) -> u32 {
     two_halves(relative(off, table)).min(UNFIT - 1)
 }

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use super::absorb::{Integrator, Tally};
+use super::march::Spread;
 use super::ray_error::{Change, RayError, Sums};
 use super::relief::{Group, Relief};
 use super::span::Span;
@@ -20,10 +21,8 @@ pub(super) struct Ledger<'a> {
     error: &'a mut RayError,
     /// Whether children are hidden by the brick.
     hides: bool,
-    /// Largest displacement of the square's rays from this one, in the brick's cells.
-    spread: [f64; 3],
-    /// Half the square's diagonal as an angle.
-    angle: f64,
+    /// How far the square's rays are from this one.
+    spread: Spread,
     /// The group that is being added up.
     current: usize,
     /// What the ray had gathered when that was begun.
@@ -61,26 +60,25 @@ struct Shift {
 const NO_GROUP: usize = usize::MAX;
 
 impl<'a> Ledger<'a> {
-    /// An account of a ray through a brick, for a square whose rays are up to `spread` cells and
-    /// `angle` away.
+    /// An account of a ray through a brick, for a square whose rays are up to `spread` away.
     pub(super) fn new(
         relief: &'a Relief,
         error: &'a mut RayError,
         hides: bool,
-        (spread, angle): ([f64; 3], f64),
+        spread: Spread,
     ) -> Self {
         let (current, gathered, shift) = (NO_GROUP, [0.0; 3], Shift::default());
-        Self { relief, error, hides, spread, angle, current, gathered, shift }
+        Self { relief, error, hides, spread, current, gathered, shift }
     }
 
     /// Whether the rays of the square are apart at all.
     pub(super) fn is_spread(&self) -> bool {
-        self.spread != [0.0; 3]
+        self.spread.cells != [0.0; 3]
     }
 
     /// Largest displacement of the square's rays, cells.
     pub(super) fn spread(&self) -> [f64; 3] {
-        self.spread
+        self.spread.cells
     }
 
     /// Adds what rays of the square may see in other cells over a stretch of `length` code
@@ -130,7 +128,7 @@ impl<'a> Ledger<'a> {
     /// Whether the square's rays may be more than a cell away.
     #[inline]
     pub(super) fn is_wide(&self) -> bool {
-        self.spread.iter().any(|&spread| spread > 1.0)
+        self.spread.cells.iter().any(|&spread| spread > 1.0)
     }
 
     fn group(&self) -> &'a Group {
@@ -148,16 +146,17 @@ impl<'a> Ledger<'a> {
     }
 
     fn shift_of(&self, group: &Group) -> Shift {
-        let over = |slope: &[f64; 3]| (0..3).map(|a| slope[a] * self.spread[a]).sum::<f64>();
-        let most = over(&group.slope).min(group.high - group.low);
+        let Spread { cells, bend, angle } = self.spread;
+        let over = |away: [f64; 3]| (0..3).map(|a| group.slope[a] * away[a]).sum::<f64>();
+        let most = over(cells).min(group.high - group.low);
         // Opposite rays lie opposite but for the bend of the sphere on which their distances from
-        // the eye are equal: less than twice their displacement times its angle. Where one
+        // the eye are equal, and by less than twice their displacement times its angle. Where one
         // formula holds, opposite values cancel but for its second derivatives: slopes change
         // within a cell by no more than their range, and E|δ_a δ_b| ≤ D_a D_b / 3.
         let twist = |a: usize, b: usize| {
-            2.0 / 3.0 * group.uneven[a].min(group.uneven[b]) * self.spread[a] * self.spread[b]
+            2.0 / 3.0 * group.uneven[a].min(group.uneven[b]) * cells[a] * cells[b]
         };
-        let smooth = twist(0, 1) + twist(1, 2) + twist(2, 0) + 2.0 * self.angle * most;
+        let smooth = twist(0, 1) + twist(1, 2) + twist(2, 0) + over(bend) + 2.0 * angle * most;
         // Until the stretch is known: a place of the square is on average half as far from its
         // centre as its border is.
         Shift { most, smooth, uneven: 0.5 * most }
@@ -219,7 +218,7 @@ impl<'a> Ledger<'a> {
         share: f64,
         end: DomainEnd,
     ) {
-        let over = (0..3).map(|a| group.slope[a] * self.spread[a]).sum::<f64>();
+        let over = (0..3).map(|a| group.slope[a] * self.spread.cells[a]).sum::<f64>();
         let Span { slope, variation, jumps, most } = group.span;
         let mut change = slope.times(over).min(variation).plus(jumps);
         if self.hides {
@@ -245,7 +244,7 @@ impl<'a> Ledger<'a> {
         share: f64,
     ) {
         let most = group.span.most;
-        let uneven = change.plus(most.times(2.0 * self.angle)).min(most);
+        let uneven = change.plus(most.times(2.0 * self.spread.angle)).min(most);
         let farthest = Sums::of(change.max(most), length, length * transmittance);
         self.error.farthest = self.error.farthest.plus(farthest.times((2.0 * share).max(1.0)));
         let uneven = Sums::of(uneven, length, length * transmittance);
@@ -261,7 +260,7 @@ impl<'a> Ledger<'a> {
         end: DomainEnd,
     ) {
         if end == DomainEnd::Face {
-            let over = (0..3).map(|a| group.slope[a] * self.spread[a]).sum::<f64>();
+            let over = (0..3).map(|a| group.slope[a] * self.spread.cells[a]).sum::<f64>();
             let Span { slope, variation, jumps, .. } = group.span;
             let change = slope.times(over).min(variation).plus(jumps);
             self.add_face(group, change.times(2.0), (length, transmittance), share);
@@ -270,10 +269,17 @@ impl<'a> Ledger<'a> {
         }
     }
 
+    /// Adds what of the distances from the eye at which the square's rays meet a face where the domain
+    /// ends does not cancel: `length` on average.
+    pub(super) fn bend_at_face(&mut self, group: &Group, length: f64, transmittance: f64) {
+        let sums = Sums::of(group.span.most, length, length * transmittance);
+        self.error.uneven = self.error.uneven.plus(sums);
+    }
+
     /// What holds for the square's rays beside `point`, and for this one's way of `half` cells on
     /// both sides of it.
     pub(super) fn group_near(&self, point: [f64; 3], half: f64) -> Cow<'a, Group> {
-        let widest = self.spread.iter().copied().fold(0.0, f64::max);
+        let widest = self.spread.cells.iter().copied().fold(0.0, f64::max);
         if widest > 4.0 {
             return Cow::Borrowed(&self.relief.whole);
         }

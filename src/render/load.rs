@@ -51,7 +51,7 @@ pub(super) struct BrickLoader<'r> {
     pub cache: &'r Cache,
     /// The field and its mapping.
     pub shading: &'r Shading,
-    /// By what rays keep accounts, if they do.
+    /// The transfer function by which rays keep accounts, if they do.
     pub(super) accounts: Option<&'r PieceList>,
 }
 

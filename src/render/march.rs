@@ -25,7 +25,7 @@ pub(super) struct Region {
 }
 
 impl Region {
-    /// Clipped to a brick of `edge` cells.
+    /// The region clipped to a brick of `edge` cells.
     pub(super) fn within(&self, edge: usize) -> Self {
         let (lo, hi) = (self.lo.map(|x| x.max(0.0)), self.hi.map(|x| x.min(edge as f64)));
         Self { lo, hi, ends: self.ends }
@@ -35,15 +35,18 @@ impl Region {
 /// The cells of a region, or its dual cells: lowest and highest along each axis.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CellRange {
+    /// Lowest cell along each axis.
     pub(super) lo: [i32; 3],
+    /// Highest cell along each axis, itself included.
     pub(super) hi: [i32; 3],
 }
 
-/// Dual cell 0 begins so far before the brick.
+/// How far before the brick dual cell 0 begins, cells.
 pub(super) const DUAL_SHIFT: f64 = 0.5;
 
 impl CellRange {
-    /// Of cells of which number 0 begins `shift` before the brick.
+    /// The cells that the region reaches into, where number 0 begins `shift` before the brick
+    /// (cells).
     pub(super) fn of(region: &Region, shift: f64) -> Self {
         let lo = region.lo.map(|x| (x + shift).floor() as i32);
         let hi = std::array::from_fn(|a| ((region.hi[a] + shift).ceil() as i32 - 1).max(lo[a]));
@@ -66,7 +69,9 @@ pub(super) struct Light<'l> {
 /// The brick that a ray passes through, and what of it is drawn.
 #[derive(Clone, Copy)]
 pub(super) struct Passage<'b> {
+    /// The brick.
     pub(super) brick: &'b ScaledBrick,
+    /// The box of it that is drawn.
     pub(super) region: Region,
     /// Beside which neighbours the level ends.
     pub(super) drawn: DrawnNeighbours,
@@ -80,6 +85,8 @@ pub(super) struct Beam {
     /// Displacement of the square's farthest rays, cells along each axis, for each unit of depth
     /// in a perspective view; in an orthographic one wherever they are.
     pub(super) spread: [f64; 3],
+    /// The part of it that does not cancel between opposite rays ([`Spread::bend`]).
+    pub(super) bend: [f64; 3],
     /// Half the square's diagonal as an angle; 0 in an orthographic view.
     pub(super) angle: f64,
     /// Code lengths along the square's rays for each cell along each axis, at most.
@@ -91,9 +98,10 @@ pub(super) struct Beam {
 }
 
 impl Beam {
-    /// Of a ray that stands for itself, where depth is `depth` at σ = 0.
+    /// A beam without width, for a ray that stands for itself and whose depth at σ = 0 is `depth`.
     pub(super) fn alone(depth: f64) -> Self {
-        Self { spread: [0.0; 3], angle: 0.0, advance: [0.0; 3], depth, covered: 1.0 }
+        let none = [0.0; 3];
+        Self { spread: none, bend: none, angle: 0.0, advance: none, depth, covered: 1.0 }
     }
 
     /// Whether the ray stands for others.
@@ -114,9 +122,17 @@ impl Passage<'_> {
     }
 }
 
-/// How far the rays of a square are from its centre's in a brick: up to so many cells along each
-/// axis; and half the square's diagonal as an angle.
-pub(super) type Spread = ([f64; 3], f64);
+/// How far the rays of a square are from its centre's in a brick, at the same distance from the eye.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Spread {
+    /// Displacement of the farthest, cells along each axis.
+    pub(super) cells: [f64; 3],
+    /// What of that does not cancel between opposite rays, however small the displacement: places at
+    /// one distance from the eye lie on a sphere, towards the eye of the plane through the centre's.
+    pub(super) bend: [f64; 3],
+    /// Half the square's diagonal as an angle.
+    pub(super) angle: f64,
+}
 
 /// Adds to `state` what `ray` gathers in a brick, front to back, and to `account` what of it may
 /// be wrong. Returns the number of stretches integrated. Bricks come front to back.
@@ -190,7 +206,8 @@ pub(super) fn spread_of(
     } else {
         1.0
     };
-    (beam.spread.map(|spread| spread * depth), beam.angle)
+    let at_depth = |cells: [f64; 3]| cells.map(|cells| cells * depth);
+    Spread { cells: at_depth(beam.spread), bend: at_depth(beam.bend), angle: beam.angle }
 }
 
 /// A ray has come through `span` of a brick, when its account was as `before`.
@@ -234,7 +251,7 @@ fn rounding(depth: f64, sigma: f64) -> f64 {
 
 /// A ray's way beside a brick is looked at in parts of this many cells.
 const PART_CELLS: f64 = 2.0;
-/// And in so many parts at most.
+/// A ray's way beside a brick is looked at in this many parts at most.
 const MOST_PARTS: f64 = 64.0;
 
 /// What rays of the square meet of the region where this one is outside, and what they miss
@@ -274,7 +291,14 @@ fn look_beside(
         None => (wide.1, wide.1),
     };
     let rims = [(wide.0, kept.0.max(from)), (kept.1.min(to), wide.1)];
-    let domain_ends = rims.map(|rim| domain_end(ray, region, spread, rim));
+    let mut domain_ends = rims.map(|rim| domain_end(ray, region, spread, rim));
+    if span.is_some() {
+        let ways = [(wide.0, from, kept.0), (kept.1, to, wide.1)];
+        for ((first, face, last), end) in ways.into_iter().zip(&mut domain_ends) {
+            let way = (face - first).max(last - face);
+            *end = cross_face(ledger, ray, (beam, before(face)), (way, face), *end);
+        }
+    }
     for (ends, end) in [(wide.0, from), (to, wide.1)].into_iter().zip(domain_ends) {
         each_part(ray, region, ends, |point, (from, to), half| {
             let group = ledger.group_near(point, half);
@@ -292,6 +316,39 @@ fn look_beside(
             ledger.domain_ends(&group, ((to - from) * ray.length, before(from)), share, end);
         });
     }
+}
+
+/// Largest part of the distance from the eye by which rays of a square may enter or leave at one face
+/// before or after its centre's.
+const MOST_SLANT: f64 = 0.5;
+
+/// Where the domain ends at one face, at σ = `face` of the ray, distances from the eye to it differ by up
+/// to `way` within the square: adds what of them does not cancel. Returns how the domain ends: at an
+/// edge, where they differ too much.
+///
+/// The distance to a plane along a unit vector u is h/(u·n). Where it is s for the centre's, and η the
+/// largest relative change of u·n in first order, its mean is s but for (α²/6 + α·η/3 + η²/3(1 − η))·s,
+/// α half the square's diagonal as an angle. (The middle term counts as the bend of [`Ledger`]'s faces.)
+fn cross_face(
+    ledger: &mut Ledger<'_>,
+    ray: &LocalRay,
+    (beam, transmittance): (&Beam, f64),
+    (way, face): (f64, f64),
+    end: DomainEnd,
+) -> DomainEnd {
+    let distance = beam.depth + face;
+    if end != DomainEnd::Face || beam.angle == 0.0 {
+        return end;
+    }
+    let slant = way / distance;
+    if slant.is_nan() || slant > MOST_SLANT {
+        return DomainEnd::Edge;
+    }
+    let bend = 0.25 * beam.angle * beam.angle + slant * slant / (3.0 * (1.0 - slant));
+    let half = way * ray.direction.abs().max_element();
+    let group = ledger.group_near((ray.origin + ray.direction * face).into(), half);
+    ledger.bend_at_face(&group, bend * distance * ray.length, transmittance);
+    end
 }
 
 /// How many of the region's faces at which the domain ends come within the spread of the ray

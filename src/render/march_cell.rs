@@ -9,7 +9,7 @@ use super::scaled::ScaledBrick;
 use super::touch::Touch;
 use super::walk::Walk;
 
-/// As [`super::march::march`], over the stretch `span` of σ.
+/// Marches a ray through the stretch `span` of σ, from cell to cell.
 pub(super) fn march_cells(
     brick: &ScaledBrick,
     region: &Region,
@@ -40,7 +40,7 @@ pub(super) fn march_cells(
     add(integrator, x, (to - from) * ray.length);
 }
 
-/// The same cell by cell, with an account of each.
+/// Marches a ray cell by cell, equal neighbours or not, and keeps an account of each.
 fn march_accounted(
     block: &ScaledBlock,
     ray: &LocalRay,

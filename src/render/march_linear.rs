@@ -12,7 +12,7 @@ use super::scaled::{ScaledBrick, dual};
 use super::touch::Touch;
 use super::walk::{Step, Walk};
 
-/// As [`super::march::march`], over the stretch `span` of σ.
+/// Marches a ray through the stretch `span` of σ, from dual cell to dual cell.
 pub(super) fn march_linear(
     &Passage { brick, drawn, .. }: &Passage<'_>,
     region: &Region,
@@ -94,6 +94,8 @@ fn beyond(touch: &Touch) -> [f64; 3] {
     std::array::from_fn(|a| touch.beyond(a, 0.0) + touch.beyond(a, 1.0))
 }
 
+/// The [`dual`] kind of dual cell `cell`, given which neighbours are drawn: beside one that is not,
+/// a plain or blended cell counts as mixed.
 #[inline]
 pub(super) fn kind(brick: &ScaledBrick, cell: [i32; 3], drawn: DrawnNeighbours) -> u8 {
     let [x, y, z] = cell.map(|c| c as usize);

@@ -9,7 +9,6 @@ use self::cabin::Cabin;
 use super::frame::LocalRay;
 use super::grade::{Care, Grades, PacketTransfer};
 use super::interpolant::DrawnNeighbours;
-use super::lanes::{BYTE_PADDING, MOST_LANES, Width};
 use super::march::{Beam, CellRange, DUAL_SHIFT, Light, Passage, Region};
 use super::march_linear::kind;
 use super::packet::{Ground, MOST_PARENTS, Parents, UNFIT};
@@ -18,6 +17,7 @@ use super::ray_state::RayState;
 use super::relief::GROUP_EDGE;
 use super::scaled::{ScaledBrick, dual};
 use crate::cache::BrickShape;
+use crate::lanes::{BYTE_PADDING, MOST_LANES, Width};
 
 /// A cell of the transfer function's largest extinction with a depth beyond this is none for f32.
 const THICKEST: f64 = 1e30;
@@ -29,7 +29,7 @@ pub(super) struct Packets {
     width: Width,
     grades: Grades,
     kinds: Vec<u8>,
-    /// As [`Ground`] has it.
+    /// Sums of the table's kinks at the brick's smallest and largest value, for [`Ground::kinks`].
     bends: [[f32; 4]; 2],
     cabin: Cabin,
 }
@@ -37,7 +37,9 @@ pub(super) struct Packets {
 /// A ray that is to be marched, and its number in its tile.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Passenger {
+    /// The ray's number in its tile.
     pub(super) index: usize,
+    /// The ray in the brick's coordinates.
     pub(super) ray: LocalRay,
 }
 
@@ -45,12 +47,12 @@ pub(super) struct Passenger {
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Accounts<'a> {
     None,
-    /// Of rays that stand for themselves, where depth is so much at σ = 0.
+    /// Accounts of rays that stand for themselves, where depth is so much at σ = 0.
     Alone(f64),
-    /// Of the squares that they stand for.
+    /// Accounts of the squares that rays stand for, one a ray.
     Squares(&'a [Beam]),
-    /// Of the squares of rays in whose place they are marched, but for where these enter and leave
-    /// the brick.
+    /// Accounts of the squares of rays in whose place these are marched, one a ray, but for where
+    /// those rays enter and leave the brick.
     Proxies(&'a [Beam]),
 }
 
@@ -76,7 +78,7 @@ impl<'a> Accounts<'a> {
         }
     }
 
-    /// Of some of the rays.
+    /// The accounts of some of the rays, by their numbers among these.
     fn among(self, rays: std::ops::Range<usize>) -> Self {
         match self {
             Self::Squares(beams) => Self::Squares(&beams[rays]),
@@ -88,7 +90,9 @@ impl<'a> Accounts<'a> {
 
 /// A tile's rays: what they have gathered, and what of it may be wrong.
 pub(super) struct Rays<'t> {
+    /// What each ray has gathered, by its number in the tile.
     pub(super) states: &'t mut [RayState],
+    /// The account of each ray, by its number in the tile.
     pub(super) errors: &'t mut [RayError],
 }
 
@@ -121,12 +125,12 @@ impl Packets {
         (2 * known + size_of::<Packets>() + Cabin::bytes()) as u64
     }
 
-    /// Of the widest kind that this processor has.
+    /// A packet of the widest lanes that this processor has.
     pub(super) fn new() -> Self {
         Self::of(Width::best())
     }
 
-    /// Of lanes of one kind.
+    /// A packet of lanes of this kind.
     pub(super) fn of(width: Width) -> Self {
         Self {
             width,

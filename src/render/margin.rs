@@ -11,16 +11,17 @@ use super::march::{Passage, Region};
 use super::scaled::ScaledBrick;
 use crate::cache::Block;
 
-/// The smallest box of whole coarser cells that holds all cells that exist, in the brick's cells:
-/// lowest, and behind the highest.
+/// The smallest box of whole coarser cells that holds all cells that exist, in the brick's cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Core {
+    /// Lowest cell along each axis; the brick's edge where no cell exists.
     pub(super) lo: [usize; 3],
+    /// One behind the highest cell along each axis; 0 where no cell exists.
     pub(super) hi: [usize; 3],
 }
 
 impl Core {
-    /// Of a brick of `edge` cells.
+    /// The box of a brick of `edge` cells whose own block, ghosts included, is `block`.
     pub(super) fn of(block: &Block, edge: usize) -> Self {
         let mut core = Self { lo: [edge; 3], hi: [0; 3] };
         for z in 0..edge {
@@ -52,13 +53,17 @@ impl Core {
 
 /// A box of one level's cells within a brick, and the camera as it sees it.
 pub(super) struct Part<'b> {
+    /// The brick whose cells are passed, and the box of it that is drawn.
     pub(super) passage: Passage<'b>,
+    /// The camera in the coordinates of that brick.
     pub(super) frame: Frame,
+    /// Where the box is seen on the image plane.
     pub(super) footprint: Footprint,
 }
 
 impl<'b> Part<'b> {
-    /// The same box of `brick`, which has cells twice as wide and hides nothing.
+    /// The same part drawn by `brick` instead, which covers the same space in cells twice as wide
+    /// and hides nothing.
     pub(super) fn wider(self, brick: &'b ScaledBrick) -> Self {
         let Self { passage, frame, footprint } = self;
         let half = |corner: [f64; 3]| corner.map(|x| 0.5 * x);

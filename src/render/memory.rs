@@ -1,15 +1,15 @@
 //! The memory plan of a picture: what everything takes, and how many bricks the rest holds.
 
 use super::RenderOptions;
-use super::goal::TileError;
+use super::film::Film;
 use super::load::{BrickLoader, BrickScratch};
 use super::rays::PixelGrid;
 use super::refine::Sheet;
 use super::scaled::ScaledBrick;
+use super::studio::TILE_BYTES;
 use super::thin::Thinner;
 use super::tile::Tile;
 use crate::cache::{BrickShape, Cache, Cursor, WINDOW_BYTES};
-use crate::image::{Film, MOST_WRITERS};
 use crate::paging::{Budget, Counters, MEBIBYTE, Pool, Reservation};
 use crate::scene::Interpolation;
 use crate::{Error, Result};
@@ -22,6 +22,8 @@ const STACK_TOUCHED: u64 = 256 << 10;
 const MAX_READERS: usize = 4;
 /// Slots of the smallest pool for bricks read ahead, for each marching thread.
 const AHEAD_SLOTS: usize = 2;
+/// Most threads that compress a picture that is written.
+pub const MOST_WRITERS: usize = 4;
 /// Memory per pixel of a row that writing a picture takes at a time: 16 rows of 16 bytes, raw, in
 /// between, and compressed, for which there is room to be grown once.
 const WRITING_PER_COLUMN: u64 = 4 * 16 * 16;
@@ -184,7 +186,7 @@ fn fixed_parts(demand: &Demand) -> Vec<(&'static str, u64)> {
     let thread = STACK_TOUCHED.saturating_add(demand.scratch);
     vec![
         ("the picture", Film::bytes_needed(demand.width, demand.height)),
-        ("the tiles' errors", demand.tiles.saturating_mul(size_of::<TileError>() as u64)),
+        ("the tiles' errors", demand.tiles.saturating_mul(TILE_BYTES)),
         ("writing the picture", writing(demand)),
         ("the marching threads", threads.saturating_mul(thread.saturating_add(demand.tile))),
         ("the reading threads", readers.saturating_mul(thread)),

@@ -20,6 +20,7 @@ mod crossing;
 pub mod cut;
 mod effort;
 mod fill;
+mod film;
 mod frame;
 mod goal;
 mod grade;
@@ -97,7 +98,9 @@ mod windows;
 
 use std::time::Instant;
 
+pub use self::film::Film;
 use self::load::BrickLoader;
+pub use self::memory::MOST_WRITERS;
 use self::memory::MemoryPlan;
 pub use self::probe::{Found, Probe};
 use self::rays::PixelGrid;
@@ -107,8 +110,6 @@ use self::studio::Studio;
 use self::transfer_pieces::TransferPieces;
 use self::view::View;
 use crate::cache::Cache;
-use crate::image::Film;
-use crate::lanes;
 use crate::paging::{Budget, Counters, Pool, peak_rss_bytes};
 use crate::scene::{Samples, Scene, Tolerance};
 use crate::{Error, Result};

@@ -6,7 +6,6 @@ use proptest::prelude::*;
 use super::frame::LocalRay;
 use super::grade::{Care, PacketTransfer};
 use super::interpolant::DrawnNeighbours;
-use super::lanes::{MOST_LANES, Width};
 use super::march::{Beam, Light, Passage, Region, march};
 use super::march_packets::{Accounts, Packets, Passenger, Rays};
 use super::march_tests::{shells, smooth, steps, transfer};
@@ -18,6 +17,7 @@ use super::steepness::Surveyor;
 use super::test_data::{BRICKS, TestCut, TestData, UNTIDY_BRICKS, linear, rough};
 use super::transfer_pieces::TransferPieces;
 use super::transfer_table::TransferTable;
+use crate::lanes::{MOST_LANES, Width};
 use crate::scene::{Interpolation, TransferFunction};
 
 pub(super) const EDGE: u32 = 8;
@@ -233,6 +233,7 @@ proptest! {
         setting.passage.hides = hides;
         let beam = Beam {
             spread: [width.unwrap_or(0.0); 3],
+            bend: [0.0; 3],
             angle: 1e-3,
             advance: [WIDTH; 3],
             depth: 1.0,

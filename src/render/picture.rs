@@ -8,6 +8,7 @@ use std::thread::{Builder, Scope, ScopedJoinHandle};
 use crossbeam::channel::Receiver;
 
 use super::cut::{Cut, ErrorCut};
+use super::film::Film;
 use super::goal::{Goal, TileError};
 use super::load::{BrickLoader, BrickRequest, BrickScratch};
 use super::march::Light;
@@ -20,7 +21,6 @@ use super::transfer_pieces::PieceList;
 use super::tree_walk::{FieldIndex, Scenery, Step, Walk};
 use super::turns::Turns;
 use crate::cache::Cache;
-use crate::image::Film;
 use crate::paging::{Pinned, Pool, ReadAhead, Request, run_reader};
 use crate::{Error, Result};
 
@@ -30,23 +30,33 @@ const STEPS_AHEAD: usize = 4;
 
 /// A picture being drawn: what its threads share.
 pub(super) struct Picture<'r, 's> {
+    /// The cache that is drawn.
     pub(super) cache: &'r Cache,
+    /// What the tree is walked by.
     pub(super) scenery: Scenery<'r>,
+    /// What rays march by.
     pub(super) light: Light<'r>,
+    /// How tiles are drawn.
     pub(super) method: Method,
     /// The transfer function without simplifications, by which bricks are surveyed.
     pub(super) exact: &'r PieceList,
+    /// The decoded bricks.
     pub(super) pool: &'r Pool<'s, BrickLoader<'s>>,
     /// Bricks of which each marching thread may keep thinner ones.
     pub(super) thinned: usize,
+    /// The picture so far.
     pub(super) film: Mutex<Film>,
     /// How far each tile may be off.
     pub(super) errors: Mutex<Vec<TileError>>,
+    /// Gets the tiles done and the tiles in all.
     pub(super) progress: Option<&'r (dyn Fn(u64, u64) + Sync)>,
-    /// At tiles, in their order.
+    /// Which tiles are in hand, and which is next.
     pub(super) turns: Mutex<Turns>,
+    /// Tiles done.
     pub(super) tiles_done: AtomicU64,
+    /// Rays marched.
     pub(super) rays: AtomicU64,
+    /// Whether threads are to stop, since one has failed.
     pub(super) is_stopped: AtomicBool,
 }
 
@@ -143,6 +153,7 @@ impl Picture<'_, '_> {
     }
 }
 
+/// Waits for a thread and takes on its panic, if it has any.
 pub(super) fn finish<T>(thread: ScopedJoinHandle<'_, T>) -> T {
     thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
@@ -156,6 +167,20 @@ struct Worker<'p, 'r, 's> {
     queue: VecDeque<Step>,
     pins: Pins,
     samples: Vec<u64>,
+}
+
+/// The end of a thread's work: if it is an error, or a panic, the others stop too.
+struct End<'p> {
+    is_stopped: &'p AtomicBool,
+    is_good: bool,
+}
+
+impl Drop for End<'_> {
+    fn drop(&mut self) {
+        if !self.is_good {
+            self.is_stopped.store(true, Ordering::Relaxed);
+        }
+    }
 }
 
 impl<'p, 'r, 's> Worker<'p, 'r, 's> {
@@ -177,11 +202,10 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
     }
 
     fn run(mut self, wanted: &(dyn Fn(u64) -> bool + Sync)) -> Result<Vec<u64>> {
-        let outcome = self.draw_tiles(wanted);
-        if outcome.is_err() {
-            self.picture.is_stopped.store(true, Ordering::Relaxed);
-        }
-        outcome.map(|()| self.samples)
+        let mut end = End { is_stopped: &self.picture.is_stopped, is_good: false };
+        self.draw_tiles(wanted)?;
+        end.is_good = true;
+        Ok(self.samples)
     }
 
     fn draw_tiles(&mut self, wanted: &(dyn Fn(u64) -> bool + Sync)) -> Result<()> {
@@ -281,6 +305,7 @@ const THIN_SHARE: f64 = 1.0 / 8.0;
 /// little is left unused.
 const PROXIES_SHARE: f64 = 2.0;
 
+/// Locks `mutex`, also after a panic of another thread.
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

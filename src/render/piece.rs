@@ -16,10 +16,12 @@ pub(super) struct Step {
 }
 
 impl Step {
+    /// Whether neither values nor slopes step, and emission is straight on both sides.
     pub(super) fn is_nothing(&self) -> bool {
         *self == Self::default()
     }
 
+    /// What happens where `after` begins and `before` ends.
     pub(super) fn between(before: &Piece, after: &Piece) -> Self {
         let x = after.start;
         let largest = before.magnitude().max(after.magnitude());
@@ -48,8 +50,9 @@ impl Step {
 /// An interval of x in which extinction is linear and emission quadratic.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Piece {
-    /// The interval: start belongs to it, end to the next.
+    /// Where the interval begins; the place belongs to it.
     pub(super) start: f64,
+    /// Where it ends; the place belongs to the next piece.
     pub(super) end: f64,
     /// Whether nothing is emitted or absorbed in it.
     pub(super) is_transparent: bool,
@@ -156,6 +159,7 @@ impl Piece {
         }
     }
 
+    /// A piece from `start` to `end` along which extinction is `k` and emission `j`.
     pub(super) fn constant(start: f64, end: f64, (k, j): (f64, [f64; 3])) -> Self {
         Self {
             start,

@@ -30,9 +30,11 @@ const UNSEEN: f64 = 0.13;
 pub(super) struct Pixel {
     /// What it is, as far as it is known.
     pub(super) value: [f64; 4],
-    /// The value that `shares` belong to, and their part of the pixel.
+    /// The sum of squares with bounds, each times its part of the pixel.
     certified: [f64; 4],
+    /// What `certified` may be off by: a bound, by cause.
     pub(super) shares: ErrorShares,
+    /// The part of the pixel that `certified` covers.
     pub(super) weight: f64,
     /// What squares that were taken as they are may add to what it is off by.
     taken: f64,
@@ -101,7 +103,7 @@ impl Pixel {
         add(&mut self.value, &found.value, weight);
     }
 
-    /// The same for want of room: what it may be off by stays.
+    /// Takes a square of those left as it is, for want of room: what it may be off by stays.
     pub(super) fn give_up(&mut self, found: &Found, weight: f64) {
         match &found.uneven {
             Some(uneven) => self.alone.lost += uneven.variance(weight),
@@ -158,7 +160,8 @@ impl Pixel {
         self.likely_error(*unknown > 0, variance.value().max(least))
     }
 
-    /// The same without squares that were given up: what more rays may change.
+    /// What its mean may be off by in all likelihood as far as more rays may change it, where that
+    /// variance is taken for at least `least`: squares that were given up are left out.
     pub(super) fn changeable(&self, least: f64) -> f64 {
         let Alone { unknown, variance, lost, lost_unknown, .. } = &self.alone;
         self.likely_error(unknown > lost_unknown, (variance.value() - lost).max(least))
@@ -187,7 +190,8 @@ impl Pixel {
         self.taken + self.alone.own.value()
     }
 
-    /// The same once a square left, `weight` of the pixel, is known by rays that may be off by so much.
+    /// What it will be off by beside its mean once a square left, `weight` of the pixel, is known
+    /// by rays that may be off by `shares`.
     pub(super) fn beside_mean_with(&self, whole: &Found, weight: f64, shares: &ErrorShares) -> f64 {
         let known = whole.uneven.map_or(0.0, |_| own(&whole.shares));
         self.beside_mean() + weight * (own(shares) - known)
@@ -213,7 +217,7 @@ fn add(sum: &mut [f64; 4], value: &[f64; 4], weight: f64) {
 pub(super) struct Unevenness {
     /// The standard deviation of its rays, but for what is alike in all quarters.
     spread: f32,
-    /// That of what varies linearly over it.
+    /// The standard deviation of what varies linearly over it.
     slope: f32,
     /// By how much its mean exceeds its centre's ray, if values bend alike everywhere in the square.
     bend: [f32; 4],
@@ -238,8 +242,8 @@ fn upper_half(x: f64) -> u16 {
 }
 
 impl Unevenness {
-    /// Of the quarters of a square, from its centre's ray and theirs, where so much was known `before`:
-    /// what they have in common.
+    /// The unevenness that the quarters of a square have in common, from its centre's ray and
+    /// theirs, where so much was known `before`.
     pub(super) fn of(whole: &[f64; 4], before: Option<Self>, quarters: [&[f64; 4]; 4]) -> Self {
         let (before, edges) = before.map_or((0.0, [0; 4]), |uneven| (uneven.spread, uneven.edges));
         let channel = |n: usize| {
@@ -267,10 +271,11 @@ impl Unevenness {
         }
     }
 
-    /// Of the `n`-th of these quarters alone, beyond whose ray values change by so much to those of the
-    /// pixels at the left, at the right, above and below. At the square's sides it keeps the edges that
-    /// are known there, but for what its ray lies behind already; at its inner sides there may be what
-    /// its rays differ by from the others', as far as that is not smooth.
+    /// The unevenness of the `n`-th of these quarters alone, beyond whose ray values change by
+    /// `beyond` to those of the pixels at the left, at the right, above and below. At the square's
+    /// sides it keeps the edges that are known there, but for what its ray lies behind already; at
+    /// its inner sides there may be what its rays differ by from the others', as far as that is not
+    /// smooth.
     pub(super) fn of_quarter(&self, n: usize, quarters: [&[f64; 4]; 4], beyond: [f64; 4]) -> Self {
         let edges = std::array::from_fn(|side| {
             let axis = side / 2;
@@ -286,15 +291,16 @@ impl Unevenness {
         Self { edges, ..*self }
     }
 
-    /// The same with edges beside it.
+    /// This unevenness with other edges: by how much values may change at the left, right, upper
+    /// and lower side.
     pub(super) fn with_edges(self, edges: [f64; 4]) -> Self {
         Self { edges: edges.map(upper_half), ..self }
     }
 
-    /// Of a pixel, from its centre's ray and those of the eight around it, row by row: of the quadratic
-    /// that is nearest to all of them, and what is left beside it. Rows of 1, 1, 1, of −1, 0, 1 and of
-    /// 1, −2, 1 and their products are orthogonal, and the three of these that are no quadratics tell
-    /// what is left.
+    /// The unevenness of a pixel, from its centre's ray and those of the eight around it, row by
+    /// row: of the quadratic that is nearest to all of them, and what is left beside it. Rows of 1,
+    /// 1, 1, of −1, 0, 1 and of 1, −2, 1 and their products are orthogonal, and the three of these
+    /// that are no quadratics tell what is left.
     pub(super) fn around(values: &[[f64; 4]; 9]) -> Self {
         const ROWS: [[f64; 3]; 3] = [[1.0, 1.0, 1.0], [-1.0, 0.0, 1.0], [1.0, -2.0, 1.0]];
         const SQUARES: [f64; 3] = [3.0, 2.0, 6.0];
@@ -323,11 +329,12 @@ impl Unevenness {
         DEVIATIONS * self.spread()
     }
 
-    /// By how much a mean exceeds its centre's ray in a channel, and at most in any.
+    /// By how much a mean exceeds its centre's ray in channel `c`.
     pub(super) fn bend(&self, c: usize) -> f64 {
         f64::from(self.bend[c])
     }
 
+    /// By how much a mean is from its centre's ray, at most in any channel.
     pub(super) fn most_bend(&self) -> f64 {
         (0..4).map(|c| self.bend(c).abs()).fold(0.0, f64::max)
     }

@@ -17,7 +17,7 @@ pub(super) struct PixelOrder {
 }
 
 impl PixelOrder {
-    /// Of the pixels of `rect`.
+    /// The order of the pixels of `rect`.
     pub(super) fn of(rect: &PixelRect) -> Self {
         let [width, height] = std::array::from_fn(|a| rect.hi[a].saturating_sub(rect.lo[a]));
         Self { width, height }

@@ -17,7 +17,7 @@ impl<const N: usize> Polynomial<N> {
         self.0.iter().rev().fold(0.0, |sum, c| sum * s + c)
     }
 
-    /// The same function over [`from`, `to`], with that interval as the new [0, 1].
+    /// The polynomial over [`from`, `to`] in terms of a variable that goes from 0 to 1 there.
     #[inline]
     pub(super) fn part(&self, from: f64, to: f64) -> Self {
         let mut c = self.0;
@@ -136,7 +136,7 @@ impl<const N: usize> Polynomial<N> {
         s
     }
 
-    /// The same function moved by a straight line so that it has these values at 0 and 1, to the
+    /// The polynomial, moved by a straight line so that it has these values at 0 and 1, to the
     /// rounding of their difference: a transfer function may be steep against rounding of x.
     pub(super) fn between(mut self, ends: [f64; 2]) -> Self {
         self.0[0] = ends[0];

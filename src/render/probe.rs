@@ -18,7 +18,7 @@ const KEPT: usize = 64;
 /// Values of which larger ones are shrunk while they are interpolated: the interpolant's own
 /// limit is 1e30.
 const LARGE: f32 = 1e29;
-/// By how much, a power of two.
+/// The factor by which larger values are shrunk while they are interpolated; a power of two.
 const SHRUNK: f64 = 1.0 / (1u64 << 30) as f64;
 
 /// What is at a point.

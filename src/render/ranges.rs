@@ -2,15 +2,26 @@
 //! planes at a time.
 #![allow(clippy::needless_range_loop)]
 
-use super::lanes::{Kernel, Lanes, Width};
 use super::steepness::Steepness;
 use super::windows::{Triples, Window};
-use crate::cache::BrickShape;
+use crate::lanes::{Kernel, Lanes, Width};
 
 /// Of values, and of their steps along each axis.
 const PARTS: usize = 4;
 /// Numbers at each place: smallest, with their signs turned, and largest of each part.
 const NUMBERS: usize = 2 * PARTS;
+/// Places that are folded together.
+const ABREAST: usize = 4;
+
+/// Places of a row, with room for some that are folded with the last.
+const fn padded_row(side: usize) -> usize {
+    side.next_multiple_of(ABREAST)
+}
+
+/// Places of a plane, likewise, from any row's last on.
+const fn padded(side: usize) -> usize {
+    (side * side).next_multiple_of(ABREAST) + ABREAST
+}
 
 /// Smallest and largest of each part at each place: of a plane of the block, number by number, and of
 /// a line of that, place by place. Their memory is reused.
@@ -23,7 +34,7 @@ pub(super) struct Ranges {
 impl Ranges {
     /// Most heap bytes for cubes of `side`.
     pub(super) fn bytes(side: usize) -> u64 {
-        (NUMBERS * (side + 1) * side * size_of::<f64>()) as u64
+        (NUMBERS * (padded(side) + padded_row(side)) * size_of::<f64>()) as u64
     }
 
     /// Heap bytes held.
@@ -41,13 +52,13 @@ impl Ranges {
         windows: &Triples,
         found: &mut Vec<Steepness>,
     ) {
-        let (area, Self { plane, line }) = (side * side, &mut *self);
+        let (length, Self { plane, line }) = (NUMBERS * padded(side), &mut *self);
         plane.clear();
-        plane.reserve_exact(NUMBERS * area);
-        plane.resize(NUMBERS * area, 0.0);
+        plane.reserve_exact(length);
+        plane.resize(length, 0.0);
         line.clear();
-        line.reserve_exact(side);
-        line.resize(side, [0.0; NUMBERS]);
+        line.reserve_exact(padded_row(side));
+        line.resize(padded_row(side), [0.0; NUMBERS]);
         Width::best().run(Search { values, side, windows, buffers: self, found });
     }
 }
@@ -88,67 +99,87 @@ pub(super) fn larger(most: f64, x: f64) -> f64 {
     if x > most { x } else { most }
 }
 
-/// The largest of a part's numbers with their signs turned, and as they are.
+/// Raises each of `most` to a number, where that is larger.
+///
+/// `most` is for registers: of what lies in memory compilers write only what changes, under a mask,
+/// for which many processors with AVX2 take ten times as long as for writing all.
 #[inline(always)]
-fn of_part(parts: &mut [f64], length: usize, part: usize) -> [&mut [f64]; 2] {
-    let (less, more) = parts[2 * part * length..][..2 * length].split_at_mut(length);
-    [less, more]
+fn raise(most: &mut [f64; ABREAST], numbers: [f64; ABREAST]) {
+    for n in 0..ABREAST {
+        most[n] = larger(most[n], numbers[n]);
+    }
 }
 
+/// Numbers from place `first` on, all of which there are.
 #[inline(always)]
-fn fold_planes(values: &[f64], side: usize, (first, last): Window, plane: &mut [f64]) {
+fn whole(numbers: &[f64], first: usize) -> [f64; ABREAST] {
+    let numbers = &numbers[first..first + ABREAST];
+    std::array::from_fn(|n| numbers[n])
+}
+
+/// Numbers from place `first` on; beyond the last what is none.
+#[inline(always)]
+fn partly(numbers: &[f64], first: usize) -> [f64; ABREAST] {
+    std::array::from_fn(|n| numbers.get(first + n).copied().unwrap_or(f64::NAN))
+}
+
+/// Of each part the smallest, with their signs turned, and the largest over planes, place by place.
+#[inline(always)]
+fn fold_planes(values: &[f64], side: usize, window: Window, plane: &mut [f64]) {
+    let (area, length) = (side * side, padded(side));
+    for place in (0..area).step_by(ABREAST) {
+        let end = window.1 * area + place + side + ABREAST;
+        let most = if end <= values.len() {
+            fold_place(side, window, place, |at| whole(values, at))
+        } else {
+            fold_place(side, window, place, |at| partly(values, at))
+        };
+        for number in 0..NUMBERS {
+            plane[number * length + place..][..ABREAST].copy_from_slice(&most[number]);
+        }
+    }
+}
+
+/// What [`fold_planes`] finds from `place` on, where `abreast` tells the values from some place on.
+#[inline(always)]
+fn fold_place(
+    side: usize,
+    (first, last): Window,
+    place: usize,
+    abreast: impl Fn(usize) -> [f64; ABREAST],
+) -> [[f64; ABREAST]; NUMBERS] {
     let area = side * side;
-    plane.fill(f64::NEG_INFINITY);
+    let mut most = [[f64::NEG_INFINITY; ABREAST]; NUMBERS];
     for z in first..=last {
-        let here = &values[z * area..];
-        take_values(of_part(plane, area, 0), &here[..area]);
+        let at = z * area + place;
+        let here = abreast(at);
+        raise(&mut most[0], here.map(|value| -value));
+        raise(&mut most[1], here);
         for axis in 0..if z < last { 3 } else { 2 } {
             // Steps from a row's, or the plane's, last place are no steps, and no window has them.
-            let beyond = &here[[1, side, area][axis]..];
-            let count = area.min(beyond.len());
-            take_steps(of_part(plane, area, 1 + axis), &here[..count], &beyond[..count]);
+            let beyond = abreast(at + [1, side, area][axis]);
+            raise(&mut most[2 + 2 * axis], std::array::from_fn(|n| here[n] - beyond[n]));
+            raise(&mut most[3 + 2 * axis], std::array::from_fn(|n| beyond[n] - here[n]));
         }
     }
+    most
 }
 
-/// Takes in numbers, place by place.
-#[inline(always)]
-fn take_values([less, more]: [&mut [f64]; 2], values: &[f64]) {
-    let count = values.len();
-    let (less, more) = (&mut less[..count], &mut more[..count]);
-    for n in 0..count {
-        less[n] = larger(less[n], -values[n]);
-        more[n] = larger(more[n], values[n]);
-    }
-}
-
-/// Takes in steps from numbers to others, place by place.
-#[inline(always)]
-fn take_steps([less, more]: [&mut [f64]; 2], from: &[f64], to: &[f64]) {
-    let count = from.len();
-    let (less, more, to) = (&mut less[..count], &mut more[..count], &to[..count]);
-    for n in 0..count {
-        let step = to[n] - from[n];
-        less[n] = larger(less[n], -step);
-        more[n] = larger(more[n], step);
-    }
-}
-
+/// Of each number the largest over rows, place by place.
 #[inline(always)]
 fn fold_rows(plane: &[f64], side: usize, (first, last): Window, line: &mut [[f64; NUMBERS]]) {
-    let mut buffer = [0.0; BrickShape::MOST_CELLS + 2];
-    let most = &mut buffer[..side];
+    let (places, _) = line.as_chunks_mut::<ABREAST>();
     for number in 0..NUMBERS {
-        most.fill(f64::NEG_INFINITY);
+        let rows = &plane[number * padded(side)..][..padded(side)];
         let end = if number / 2 == 2 { last } else { last + 1 };
-        for y in first..end {
-            let row = &plane[(number * side + y) * side..][..side];
-            for x in 0..side {
-                most[x] = larger(most[x], row[x]);
+        for (chunk, places) in places.iter_mut().enumerate() {
+            let mut most = [f64::NEG_INFINITY; ABREAST];
+            for y in first..end {
+                raise(&mut most, whole(rows, y * side + chunk * ABREAST));
             }
-        }
-        for x in 0..side {
-            line[x][number] = most[x];
+            for n in 0..ABREAST {
+                places[n][number] = most[n];
+            }
         }
     }
 }

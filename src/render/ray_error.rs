@@ -9,14 +9,17 @@
 //! march that knows bounds of |j̃ − j| and |κ̃ − κ| knows a bound of its error; the same holds for
 //! 1 − T with j = κ.
 
-/// How much emission (any channel) and extinction may change: radiance and 1 / code length.
+/// How much emission and extinction may change.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Change {
+    /// Change of emission, at most in any channel: radiance / code length.
     pub(super) emission: f64,
+    /// Change of extinction, 1 / code length.
     pub(super) extinction: f64,
 }
 
 impl Change {
+    /// Both, times a factor.
     pub(super) fn times(self, factor: f64) -> Self {
         Self { emission: self.emission * factor, extinction: self.extinction * factor }
     }
@@ -26,6 +29,7 @@ impl Change {
         (self.emission + self.extinction * behind).max(self.extinction)
     }
 
+    /// The sum, number by number.
     pub(super) fn plus(self, other: Self) -> Self {
         Self {
             emission: self.emission + other.emission,
@@ -33,6 +37,7 @@ impl Change {
         }
     }
 
+    /// The smaller of each number.
     pub(super) fn min(self, other: Self) -> Self {
         Self {
             emission: self.emission.min(other.emission),
@@ -40,6 +45,7 @@ impl Change {
         }
     }
 
+    /// The larger of each number.
     pub(super) fn max(self, other: Self) -> Self {
         Self {
             emission: self.emission.max(other.emission),
@@ -79,6 +85,7 @@ impl Sums {
         sums
     }
 
+    /// The sum, number by number.
     pub(super) fn plus(self, other: Self) -> Self {
         Self {
             emission: self.emission + other.emission,
@@ -87,6 +94,7 @@ impl Sums {
         }
     }
 
+    /// The smaller of each number.
     pub(super) fn min(self, other: Self) -> Self {
         Self {
             emission: self.emission.min(other.emission),
@@ -95,6 +103,7 @@ impl Sums {
         }
     }
 
+    /// The larger of each number.
     pub(super) fn max(self, other: Self) -> Self {
         Self {
             emission: self.emission.max(other.emission),
@@ -103,6 +112,7 @@ impl Sums {
         }
     }
 
+    /// All of them, times a factor.
     pub(super) fn times(self, factor: f64) -> Self {
         Self {
             emission: self.emission * factor,
@@ -111,7 +121,7 @@ impl Sums {
         }
     }
 
-    /// The same where so many times as much of what is seen comes through.
+    /// The sums where only this `transmittance` is left of what is seen, as behind other things.
     fn seen_through(self, transmittance: f64) -> Self {
         Self {
             emission: self.emission * transmittance,
@@ -141,13 +151,13 @@ fn product(a: f64, b: f64) -> f64 {
 /// What may be wrong with a ray, each in the picture's own unit.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct RayError {
-    /// By cells that are drawn coarser than the data.
+    /// What cells that are drawn coarser than the data make it be off by.
     pub(super) levels: Sums,
-    /// By values that are not stored as the source has them.
+    /// What values that are not stored as the source has them make it be off by.
     pub(super) storage: Sums,
-    /// By the march of packets of rays.
+    /// What the march of packets of rays makes it be off by.
     pub(super) march: Sums,
-    /// By proxies, rays that were marched in its place.
+    /// What proxies, rays that were marched in its place, make it be off by.
     proxies: Sums,
     /// Largest difference of any ray of the ray's square to its centre's.
     pub(super) farthest: Sums,
@@ -178,8 +188,9 @@ pub(super) struct Lent {
     levels: Sums,
     storage: Sums,
     march: Sums,
-    /// Difference of the rays, and what of that is not linear in their displacement.
+    /// Difference of the rays to the one that was marched.
     pub(super) apart: Sums,
+    /// What of that difference is not linear in their displacement.
     pub(super) bent: Sums,
     quadrature: f64,
 }
@@ -270,8 +281,8 @@ impl ErrorShares {
 /// Relative error of exact integration and of sums along a ray: what the stress tests of the
 /// integrator hold it to.
 const INTEGRATION: f64 = 1e-9;
-/// The same, of what was gathered before a place and what was in all: what is between is their
-/// difference.
+/// Relative error of what a ray gathers behind a place, to what it gathers in all: a difference of
+/// sums, that in all less that before the place.
 const GATHERED: f64 = 1e-6;
 /// Relative error of a channel stored as f32, and the least that there is of one that is not 0.
 const STORED: f64 = 6e-8;

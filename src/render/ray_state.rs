@@ -13,9 +13,11 @@ pub(super) struct RayState {
     /// Depths (code length along the view from the eye) from which on the transmittance is below
     /// ¼, ¹⁄₁₆, …, rounded up: what is known of the way behind when bricks beside it are met later.
     marks: [f32; MARKS],
-    /// What rounding has added to each sum, to be taken off with the next (Kahan, *CACM* 8,
-    /// 1965): thin steps neither drift nor vanish beside 1.
+    /// What rounding has added to each channel's sum, to be taken off with the next (Kahan, *CACM*
+    /// 8, 1965): thin steps neither drift nor vanish.
     pub(super) radiance_excess: [f64; 3],
+    /// What rounding has added to the transmittance, to be taken off likewise: thin steps do not
+    /// vanish beside 1.
     pub(super) transmittance_excess: f64,
 }
 

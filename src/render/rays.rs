@@ -113,8 +113,9 @@ impl Square {
         })
     }
 
-    /// The same with rays beside their centres, by up to `reach` of a quarter's half width, which
-    /// follow no pattern. Opposite quarters' are opposite: what varies linearly has the square's mean.
+    /// Its four quarters, with rays beside their centres, by up to `reach` of a quarter's half
+    /// width, which follow no pattern. Opposite quarters' are opposite: what varies linearly has
+    /// the square's mean.
     pub(super) fn scattered_quarters(&self, reach: f64) -> [Self; 4] {
         let mut quarters = self.quarters();
         if reach == 0.0 {
@@ -337,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_lie_where_the_contract_says() {
+    fn rays_lie_where_samples_say() {
         let scene = scene("samples = 2", 30, 20);
         let grid = PixelGrid::new(&view(&scene), scene.render.samples);
         let mut squares = Vec::new();

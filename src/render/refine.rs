@@ -32,7 +32,9 @@ const MOST_NEEDED: f64 = 1024.0;
 pub(super) struct Batch {
     /// Pixel by pixel.
     pub(super) squares: Vec<Square>,
+    /// Which bricks are opened for them.
     pub(super) cut: Cut,
+    /// How they are marched.
     pub(super) care: Care,
     /// Whether they stand for their squares, not for themselves.
     pub(super) has_area: bool,
@@ -149,7 +151,8 @@ impl Sheet {
         None
     }
 
-    /// Of squares found of a group of pixels, those that are to be marched again, or quartered.
+    /// Chooses from the squares `found` of a group of pixels those that are to be marched again, or
+    /// quartered; the others are concluded.
     fn still_bad(
         &mut self,
         grid: &PixelGrid,
@@ -196,7 +199,7 @@ impl Sheet {
         grid.has_area() && others >= self.rays_up_to(group, goal.rays_per_pixel.saturating_sub(1))
     }
 
-    /// The same for rays that stand for themselves.
+    /// Whether no more rays may be marched that stand for themselves, for a group of pixels.
     fn is_over_alone(&self, group: usize) -> bool {
         self.goal.is_none_or(|goal| self.alone >= self.rays_up_to(group, goal.alone_per_pixel))
     }

@@ -22,8 +22,9 @@ const FAR: f64 = 1e-3;
 /// side, as far as the brick knows it.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Group {
-    /// Smallest and largest x.
+    /// Smallest x.
     pub(super) low: f64,
+    /// Largest x.
     pub(super) high: f64,
     /// Steepest slope of x along each axis, per cell.
     pub(super) slope: [f64; 3],
@@ -31,7 +32,7 @@ pub(super) struct Group {
     pub(super) uneven: [f64; 3],
     /// Change by what is beneath the brick.
     pub(super) levels: Change,
-    /// Of a thinner brick, bound of the difference of x to that of the brick that it is made of.
+    /// In a thinner brick, a bound of the difference of x to that of the brick that it is made of.
     pub(super) thinned: f64,
     /// Difference of x to that of the source's values, and its rounding.
     pub(super) storage: Storage,
@@ -52,8 +53,9 @@ pub(super) struct Distance {
     pub(super) fills_void: bool,
     /// What x can be in the brick's box at any level.
     pub(super) tree: [f64; 2],
-    /// Of values stored to those of the source, averages included, and of leaf cells' alone.
+    /// How far stored values are from those of the source, averages included.
     pub(super) storage: Rounding,
+    /// How far stored values of leaf cells are from those of the source.
     pub(super) leaf_storage: Rounding,
     /// Whether values are read in fewer digits than are stored: then that is what makes the two above,
     /// and finer cuts change it.
@@ -108,6 +110,7 @@ impl Relief {
         self.groups.is_empty()
     }
 
+    /// Forgets all groups; their memory is kept.
     pub(super) fn clear(&mut self) {
         self.groups.clear();
     }
@@ -119,15 +122,17 @@ impl Relief {
         (z * self.side + y) * self.side + x
     }
 
-    /// Number of groups, and of those along an edge.
+    /// Number of groups.
     pub(super) fn count(&self) -> usize {
         self.groups.len()
     }
 
+    /// Number of groups along an edge.
     pub(super) fn side(&self) -> usize {
         self.side
     }
 
+    /// The group with this number, x fastest; all in one where there is none.
     #[inline]
     pub(super) fn group(&self, index: usize) -> &Group {
         self.groups.get(index).unwrap_or(&self.whole)

@@ -15,7 +15,8 @@ pub(super) fn up(x: f64) -> f32 {
     if up.abs() < LEAST { LEAST } else { up }
 }
 
-/// Both as the upper and the lower half of the bits, of f32 and rounded up.
+/// Two bounds in one number: the upper halves of their f32, rounded up, the first in the upper half
+/// of the bits and the second in the lower.
 pub(super) fn two_halves(values: [f64; 2]) -> u32 {
     // One more covers what is cut off.
     let half =

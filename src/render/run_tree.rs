@@ -2,7 +2,7 @@
 
 /// What is known of neighbours, and so of runs of them; of none the default.
 pub(super) trait Run: Copy + Default {
-    /// Of both together.
+    /// What is known of this run and of the next one together.
     fn and(self, other: Self) -> Self;
 }
 

@@ -4,13 +4,13 @@ use super::blocks::{EXISTING, NarrowBlock, ScaledBlock, gather_corners, held};
 use super::cell_shades::CellShades;
 use super::fill::{Above, fill_holes, fill_outside};
 use super::grade::KeptRates;
-use super::lanes::BYTE_PADDING;
 use super::margin::Core;
 use super::packet::MOST_PARENTS;
 use super::relief::{Distance, Relief};
 use super::steepness::Surveyor;
 use super::transfer_pieces::PieceList;
 use crate::cache::{Block, BrickPlace, BrickShape, RawBrick, state};
+use crate::lanes::BYTE_PADDING;
 use crate::scene::Interpolation;
 use crate::space::MAX_OCTREE_LEVEL;
 use crate::{Error, Result};
@@ -23,7 +23,8 @@ pub(super) mod dual {
     pub(in crate::render) const MIXED: u8 = 1;
     /// All eight cells are void.
     pub(in crate::render) const VOID: u8 = 2;
-    /// As MIXED, none void, and of so few levels that packets of rays may pass.
+    /// Formulas or ownership differ between the cells, but none is void, and they are of so few
+    /// levels that packets of rays may pass.
     pub(in crate::render) const BLENDED: u8 = 3;
 }
 
@@ -84,7 +85,7 @@ impl ScaledBrick {
         Self::bytes_of_one(shape, blocks, interpolation) + coarse
     }
 
-    /// The same without the next coarser level.
+    /// Most heap bytes that such a brick takes without its next coarser level.
     fn bytes_of_one(shape: BrickShape, blocks: usize, interpolation: Interpolation) -> u64 {
         let heads = blocks.max(4).next_power_of_two() * size_of::<ScaledBlock>();
         let values = match interpolation {

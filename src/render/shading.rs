@@ -1,8 +1,8 @@
 //! From stored values to light: the scene's volume over one field of the cache.
 
-use super::lanes::{Kernel, Lanes, Width};
 use super::relief::Distance;
 use crate::cache::{CachedField, FieldRecord, Header, NodeRecord, Precision};
+use crate::lanes::{Kernel, Lanes, Width};
 use crate::scene::{
     FieldExtrema, Interpolation, Mapping, Rounding, TransferFunction, Units, VolumeSettings,
 };
@@ -22,7 +22,7 @@ pub(super) struct Shading {
     factor: f64,
     /// Largest relative error of a stored value against the source's.
     relative_error: f64,
-    /// And of a leaf cell's.
+    /// Largest relative error of a leaf cell's stored value against the source's.
     leaf_error: f64,
     /// Values below it, code units, are stored with fewer digits.
     least_exact: f64,

@@ -105,6 +105,8 @@ impl Stats {
         self.wall_seconds = seconds + self.load_seconds + self.render_seconds;
     }
 
+    /// Takes in what became of bricks: how many there are in all, what the walk left out, and what
+    /// was loaded.
     pub(super) fn set_bricks(&mut self, total: u64, census: &Census, counters: &Counters) {
         self.bricks_total = total;
         self.bricks_in_view = total.saturating_sub(census.out_of_view);

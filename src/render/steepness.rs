@@ -7,16 +7,19 @@ use super::scaled::{ScaledBrick, dual};
 use super::windows::{Folder, Triples, Window};
 use crate::cache::state;
 
-/// Range of values, and of their slopes along each axis, per cell of the brick.
+/// How far values of some cells range, and their slopes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Steepness {
+    /// Smallest and largest value.
     pub(super) values: [f64; 2],
+    /// Least and steepest slope along each axis, with their signs, per cell of the brick.
     pub(super) slopes: [[f64; 2]; 3],
 }
 
 /// What holds for a group of dual cells, or cells.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Terrain {
+    /// How its values and slopes range.
     pub(super) steepness: Steepness,
     /// Whether part of it is void.
     pub(super) has_void: bool,
@@ -34,10 +37,10 @@ pub(super) struct Surveyor {
     /// these: one shorter.
     windows: Triples,
     shorter: Triples,
-    /// Of each group.
+    /// What holds for each group, x fastest.
     terrains: Vec<Terrain>,
     is_mixed: Vec<bool>,
-    /// Of the block in hand, in each group's windows.
+    /// How values of the block in hand range, and their slopes, in each group's windows.
     of_block: Vec<Steepness>,
     differences: Vec<f64>,
     /// A row of a coarser block on its way to a finer one's, and where each cell of that takes it.
@@ -110,7 +113,7 @@ impl Surveyor {
         }
     }
 
-    /// Of cells, and one more on every side within the brick.
+    /// Looks at groups of cells, with one more on every side within the brick.
     fn cells(&mut self, brick: &ScaledBrick, side: usize) {
         let (block, edge) = (&brick.blocks[0], brick.edge);
         let along = |group: usize| {
@@ -146,7 +149,7 @@ impl Surveyor {
         );
     }
 
-    /// Of dual cells, and one more on every side as far as the brick knows it.
+    /// Looks at groups of dual cells, with one more on every side as far as the brick knows it.
     fn dual_cells(&mut self, brick: &ScaledBrick, side: usize) {
         let edge = brick.edge;
         // A dual cell lies between its cell, counted with ghosts, and the next.

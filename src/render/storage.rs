@@ -21,8 +21,8 @@ pub(super) struct Storage {
 }
 
 impl Storage {
-    /// Of values between `low` and `high`, in place of which the truth has others, no more than
-    /// `beneath` from them and within `tree`.
+    /// The bound for values between `low` and `high`, in place of which the truth has others, no
+    /// more than `beneath` from them and within `tree`.
     pub(super) fn new(
         rounding: &Rounding,
         [low, high]: [f64; 2],
@@ -47,20 +47,22 @@ impl Storage {
         Self { most: up(most), base: up(base), slope: up(slope) }
     }
 
+    /// The largest difference, wherever x is.
     pub(super) fn most(&self) -> f64 {
         f64::from(self.most)
     }
 
+    /// How much more the difference may be for each unit of x; 0 where only its largest is known.
     pub(super) fn slope(&self) -> f64 {
         f64::from(self.slope)
     }
 
-    /// Known by no more than its largest.
+    /// The bound where no more is known than the largest difference.
     pub(super) fn at_most(most: f64) -> Self {
         Self { most: up(most), base: f32::INFINITY, slope: 0.0 }
     }
 
-    /// Where x is at most so much.
+    /// The largest difference where x is at most `x`.
     #[inline]
     pub(super) fn up_to(&self, x: f64) -> f64 {
         (f64::from(self.base) + self.slope() * x).min(self.most()).max(0.0)
@@ -85,8 +87,9 @@ impl Storage {
 /// How far values along a ray may be off, in x.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Reach {
-    /// By anything but storage.
+    /// How far values may be off by anything but storage.
     pub(super) others: f64,
+    /// How far values may be off by storage.
     pub(super) storage: Storage,
     /// Whether the truth lies in other cells: beneath, or along other rays.
     pub(super) is_elsewhere: bool,
@@ -109,13 +112,13 @@ impl Reach {
         x.share_across(place, reach, drift)
     }
 
-    /// At most.
+    /// The most that values may be off by, wherever x is.
     #[inline]
     pub(super) fn most(&self) -> f64 {
         self.others + self.storage.most()
     }
 
-    /// By storage, and in all, where x may be `place`.
+    /// How far values may be off by storage, and in all, where x may be `place`.
     pub(super) fn near(&self, place: f64) -> [f64; 2] {
         let stored = self.storage.up_to(place + self.most());
         [stored, self.others + stored]

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use super::census::Census;
 use super::cut::{Cut, FootprintCut};
 use super::effort::Effort;
+use super::film::Film;
 use super::goal::{Goal, TileError};
 use super::grade::PacketTransfer;
 use super::load::BrickLoader;
@@ -23,7 +24,6 @@ use super::view::View;
 use super::{EXACT, FixedSetting, RenderOptions, largest_value};
 use crate::Result;
 use crate::cache::{Cache, Header};
-use crate::image::Film;
 use crate::paging::Pool;
 use crate::scene::{Interpolation, Samples, Scene, Tolerance};
 use crate::space::Domain;
@@ -66,6 +66,10 @@ const SURE: f64 = 0.97;
 const ATTEMPTS: u32 = 12;
 /// Rays for each of the pixels that an outlook is taken from.
 const OUTLOOK_RAYS: u64 = 5;
+
+/// Bytes that are kept for each tile of a picture.
+pub(super) const TILE_BYTES: u64 =
+    (size_of::<TileError>() + size_of::<State>() + size_of::<bool>()) as u64;
 
 /// How a tile has turned out, beside the goal that it was drawn by.
 #[derive(Debug, Clone, Copy)]
@@ -221,16 +225,18 @@ impl<'s> Studio<'s> {
             };
             picture.draw((self.threads, self.plan.readers), &wanted, samples)?;
             let Some(part) = part else { return Ok(()) };
-            let errors = lock(&picture.errors).clone();
+            let errors = lock(&picture.errors);
             for (n, error) in errors.iter().enumerate().filter(|(n, _)| is_drawn_again[*n]) {
                 states[n] = State::of(error, goal.tolerance);
             }
-            let off = errors.iter().zip(&states).map(|(error, state)| state.off(error));
-            let bounds: Vec<f64> = off.collect();
-            let bound = bounds.iter().fold(0.0, |most: f64, bound| most.max(*bound));
+            let bounds = || errors.iter().zip(&states).map(|(error, state)| state.off(error));
+            let bound = bounds().fold(0.0, f64::max);
             let largest = largest_value(&lock(&picture.film))?;
             let limit = part * (largest - bound).max(0.5 * largest);
-            is_drawn_again = bounds.iter().map(|bound| *bound > limit).collect();
+            for (again, bound) in is_drawn_again.iter_mut().zip(bounds()) {
+                *again = bound > limit;
+            }
+            drop(errors);
             // Where the goal would be the same, what is left is not for more work to change.
             let is_settled = FIRST_TRY * limit >= 0.99 * goal.tolerance;
             if is_settled || !is_drawn_again.contains(&true) {

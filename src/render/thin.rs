@@ -13,13 +13,13 @@
 use std::ops::RangeInclusive;
 
 use super::halves::Halves;
-use super::lanes::MOST_LANES;
 use super::ray_error::Change;
 use super::relief::{Distance, GROUP_EDGE, Relief};
 use super::scaled::ScaledBrick;
 use super::steepness::Surveyor;
 use super::transfer_pieces::PieceList;
 use crate::cache::BrickShape;
+use crate::lanes::MOST_LANES;
 use crate::scene::Interpolation;
 
 /// Bricks are halved so often at most, and not below so many cells along an edge.
@@ -40,7 +40,7 @@ pub(super) struct Thinner {
     surveyor: Surveyor,
     /// Values of cells, ghosts included, before and after they are moved.
     values: [Vec<f64>; 2],
-    /// Which of them are those of the finer brick's own interpolant.
+    /// Which of these values are those of the finer brick's own interpolant.
     is_own: Vec<bool>,
     comparison: Comparison,
 }
@@ -60,13 +60,13 @@ struct Kept {
 /// Buffers for comparing a brick with a thinner one.
 #[derive(Debug, Default)]
 struct Comparison {
-    /// Both, at the same places.
+    /// Values of both bricks at the same places.
     halves: Halves,
     row: Halves,
     /// How far apart they are along a row; and at most, for groups along y and z.
     apart: Vec<f64>,
     farthest: Vec<f64>,
-    /// How far in each group.
+    /// How far apart they are in each group, at most.
     off: Vec<f64>,
 }
 

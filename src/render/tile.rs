@@ -17,7 +17,6 @@ use self::room::Spent;
 use super::frame::{Footprint, Frame, LocalRay};
 use super::grade::Care;
 use super::interpolant::DrawnNeighbours;
-use super::lanes::MOST_LANES;
 use super::march::{Beam, Light, Passage, march};
 use super::march_packets::{Accounts, Packets, Passenger, Rays};
 use super::margin::{Part, parts};
@@ -32,6 +31,7 @@ use super::tree_walk::Step;
 use super::view::Aim;
 use super::waiting::Found;
 use crate::cache::BrickShape;
+use crate::lanes::MOST_LANES;
 use crate::paging::Request;
 use crate::scene::Interpolation;
 
@@ -59,7 +59,7 @@ pub(super) struct Tile {
     errors: Vec<RayError>,
     /// Which squares need more: one bit each.
     alive: Vec<u64>,
-    /// Which of them have got what the brick in hand adds from others.
+    /// Which squares have got from others what the brick in hand adds: one bit each.
     served: Vec<u64>,
     /// Where each pixel's squares begin, and one more.
     starts: Vec<u16>,
@@ -92,7 +92,8 @@ pub(super) struct Thinning<'t> {
     pub(super) pieces: &'t PieceList,
     /// What a ray may be off by in a brick that is drawn in fewer cells, in the picture's own unit.
     pub(super) limit: f64,
-    /// The same in all bricks through which others are marched in its place.
+    /// What a ray may be off by in all bricks through which others are marched in its place, in the
+    /// picture's own unit.
     pub(super) room: f64,
     /// Light that is expected from behind.
     pub(super) behind: f64,
@@ -186,7 +187,7 @@ impl Tile {
         if self.has_area { self.pixel * self.squares[index].half() } else { DVec2::ZERO }
     }
 
-    /// The same pixels as seen from the tile's first, which none is before.
+    /// The pixels of `rect`, none of which is before the tile's first, counted from that one.
     fn within(&self, rect: &PixelRect) -> PixelRect {
         if rect.is_empty() {
             return PixelRect::NONE;
@@ -429,10 +430,13 @@ pub(super) fn beam(frame: &Frame, ray: &LocalRay, half: DVec2, covered: f64) -> 
     let across = |axis: DVec3| axis - direction * direction.dot(axis);
     let spread = across(frame.basis.right).abs() * half.x + across(frame.basis.up).abs() * half.y;
     let angle = if frame.is_perspective { half.length() / ray.length } else { 0.0 };
-    // 1 + 2·angle: directions bend a little more than their first derivative says.
-    let spread = spread / width * (1.0 + 2.0 * angle);
+    // Directions bend a little more than their first derivative says: along themselves by 1 − cos, and
+    // across by 1 + 2·angle.
+    let bend = ray.direction.abs() * (0.5 * angle * angle);
+    let spread = (spread / width + 2.0 * bend) * (1.0 + 2.0 * angle);
     Beam {
         spread: spread.to_array(),
+        bend: bend.to_array(),
         angle,
         advance: ((direction.abs() + angle) * width).to_array(),
         depth: frame.depth,

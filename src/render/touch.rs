@@ -40,18 +40,20 @@ impl Touch {
         mean_beyond((self.from[a] - value).abs(), (self.to[a] - value).abs(), self.spread[a])
     }
 
-    /// The same of the cube's six faces, summed.
+    /// The shares of the way within reach of each of the cube's six faces, summed.
     #[inline]
     pub(super) fn faces(&self) -> f64 {
         (0..3).map(|a| self.plane(a, 0.0) + self.plane(a, 1.0)).sum()
     }
 
-    /// The same of the three planes through the cube's middle.
+    /// The shares of the way within reach of each of the three planes through the cube's middle
+    /// that are parallel to faces, summed.
     pub(super) fn middles(&self) -> f64 {
         (0..3).map(|a| self.plane(a, 0.5)).sum()
     }
 
-    /// The same of the six planes through two opposite edges.
+    /// The shares of the way within reach of each of the six planes through two opposite edges of
+    /// the cube, summed.
     pub(super) fn diagonals(&self) -> f64 {
         let mut sum = 0.0;
         for (a, b) in [(0, 1), (1, 2), (2, 0)] {

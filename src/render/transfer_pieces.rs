@@ -162,7 +162,7 @@ impl PieceList {
 pub(super) struct TransferPieces {
     /// Cut at every bend.
     pub(super) all: PieceList,
-    /// As few pieces as the allowed deviation needs.
+    /// The same function in as few pieces as the allowed deviation of its emission needs.
     pub(super) merged: PieceList,
     largest_emission: f64,
     brightest: f64,

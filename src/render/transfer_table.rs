@@ -44,9 +44,10 @@ pub(super) struct Bends {
     pub(super) kinks: Vec<[f32; 4]>,
     /// Where these steps are, and the sums behind each.
     steps: Vec<(f64, [f32; 4])>,
-    /// Largest half second derivative of the emission, steepest slopes of emission and extinction
-    /// within each of [`Bends::REACHES`] of places as far apart, and a filler; and anywhere.
+    /// Largest half second derivative of the emission, steepest slopes of emission and extinction,
+    /// and a filler, within each of [`Bends::REACHES`] of places as far apart.
     pub(super) near: Vec<[f32; 4]>,
+    /// The same four numbers over all of [0, 1].
     pub(super) anywhere: [f32; 4],
 }
 
@@ -69,11 +70,13 @@ const fn near_starts() -> [f32; 5] {
 }
 
 impl Bends {
-    /// Place of x in the sums of kinks: that times x, plus `KINK_OFFSET`, from 0 to `KINK_LAST`.
-    /// What lies between two x comes between the sum at the lower one's place, rounded down, and
-    /// that after the upper one's.
+    /// Places of [`Bends::kinks`] to a unit of x: x has place `KINK_SCALE`·x + `KINK_OFFSET`, held
+    /// to 0 and `KINK_LAST`. What lies between two x comes between the sum at the lower one's
+    /// place, rounded down, and that after the upper one's.
     pub(super) const KINK_SCALE: f32 = KINK_PARTS as f32;
+    /// The place of x = 0 in [`Bends::kinks`].
     pub(super) const KINK_OFFSET: f32 = 1.0;
+    /// The last place in [`Bends::kinks`] that has one after it.
     pub(super) const KINK_LAST: f32 = KINK_PARTS as f32 + 2.0;
     /// How far from x slopes are looked at, farthest first.
     pub(super) const REACHES: [f32; 5] =
@@ -81,10 +84,12 @@ impl Bends {
     /// Where the rows of each reach begin: x is found x / reach behind that, rounded down, not
     /// before the row `NEAR_BEFORE` and not after the one `NEAR_AFTER` 1 / reach.
     pub(super) const NEAR_STARTS: [f32; 5] = near_starts();
+    /// Rows of each reach before that of x = 0.
     pub(super) const NEAR_BEFORE: f32 = 2.0;
+    /// Rows of each reach behind that of x = 1.
     pub(super) const NEAR_AFTER: f32 = 1.0;
 
-    /// Of `pieces`, relative to the scales of emission and extinction.
+    /// How the function of `pieces` bends, relative to the scales of emission and extinction.
     fn new(pieces: &PieceList, scales: [f64; 2]) -> Self {
         let (mut sums, mut steps) = ([0.0_f32; 4], Vec::with_capacity(pieces.count()));
         for next in 1..pieces.count() {
@@ -137,7 +142,7 @@ impl TransferTable {
     /// Number of bins over [0, 1].
     pub(super) const BINS: f32 = BINS as f32;
 
-    /// Of `pieces`, without anything left out, and `merged`, by which bends are bounded.
+    /// The table of `pieces`, which leave nothing out; its bends are bounded by `merged`.
     pub(super) fn new(pieces: &PieceList, merged: &PieceList) -> Self {
         let (span, scales) = (pieces.over(0.0, 1.0), pieces.scales());
         let mut table = Self {

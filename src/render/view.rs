@@ -16,8 +16,11 @@ const NOTHING: f64 = 8.0 * f64::EPSILON;
 /// The camera's directions: orthonormal to rounding.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Basis {
+    /// The view direction.
     pub(super) forward: DVec3,
+    /// To the right in the picture.
     pub(super) right: DVec3,
+    /// Up in the picture.
     pub(super) up: DVec3,
 }
 
@@ -90,6 +93,10 @@ impl View {
         Self::from_camera(&scene.camera, scene.image.width, scene.image.height, domain)
     }
 
+    /// The camera in `domain`, for a picture of `width`×`height` pixels.
+    ///
+    /// # Errors
+    /// Whatever [`Self::new`] says of the camera.
     pub(super) fn from_camera(
         camera: &CameraSettings,
         width: u32,
@@ -138,7 +145,7 @@ impl View {
         self.height
     }
 
-    /// As [`Basis::aim`] has it.
+    /// The ray through (P, Q) = `plane`.
     pub(super) fn aim(&self, plane: DVec2) -> Aim {
         self.basis.aim(plane, self.is_perspective)
     }
@@ -149,9 +156,9 @@ impl View {
         self.plane_in([2.0 * x_pixels, 2.0 * y_pixels], 1.0)
     }
 
-    /// The same of a place in halves of a pixel's `per`-th. Where these are whole numbers, P and Q
-    /// are rounded once, or twice if the view's height takes many bits: rays that lie in faces of
-    /// cells do so exactly.
+    /// (P, Q) of a place in halves of a pixel's `per`-th, from the picture's left and upper edge.
+    /// Where these are whole numbers, P and Q are rounded once, or twice if the view's height takes
+    /// many bits: rays that lie in faces of cells do so exactly.
     pub(super) fn plane_in(&self, [x, y]: [f64; 2], per: f64) -> DVec2 {
         let (width, height) = (per * f64::from(self.width), per * f64::from(self.height));
         DVec2::new((x - width) * self.half.y / height, (height - y) * self.half.y / height)

@@ -21,6 +21,7 @@ const MOST_OTHERS: usize = MOST_WAITING - 2 * BATCH_RAYS;
 /// What a ray has found.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Found {
+    /// The square whose ray it is.
     pub(super) square: Square,
     /// Radiance and opacity.
     pub(super) value: [f64; 4],
@@ -33,13 +34,16 @@ pub(super) struct Found {
 /// What is to be done with squares.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ToDo {
-    /// To be quartered first, or marched as they are.
+    /// Whether they are quartered first; else they are marched as they are.
     pub(super) quartered: bool,
+    /// Which bricks are opened for them.
     pub(super) cut: Cut,
-    /// How they have been marched, and are to be.
+    /// How they have been marched.
     pub(super) before: Care,
+    /// How they are to be marched.
     pub(super) care: Care,
-    /// As rays for themselves: what their squares' mean is, their differences tell.
+    /// Whether their rays stand for themselves: what their squares' mean is, their differences
+    /// tell.
     pub(super) alone: bool,
 }
 
@@ -51,7 +55,8 @@ pub(super) struct Urgency {
 }
 
 impl Urgency {
-    /// Of squares that may add so much to their pixels' errors; that is told apart in powers of four.
+    /// The urgency of squares in a group that may add `error` to their pixels' errors; that is told
+    /// apart in powers of four.
     pub(super) fn new(group: usize, error: f64) -> Self {
         let harm = if error.is_finite() { (0.5 * error.log2()).floor() as i32 } else { i32::MAX };
         Self { group, harm }
@@ -78,6 +83,7 @@ impl Waiting {
     /// Bytes at most: vectors have room for a quarter more than they hold.
     pub(super) const BYTES: u64 = (5 * MOST_WAITING / 4 * size_of::<Found>()) as u64;
 
+    /// Forgets all squares.
     pub(super) fn clear(&mut self) {
         self.alike.clear();
         (self.count, self.alone) = (0, 0);
@@ -91,7 +97,8 @@ impl Waiting {
         Some((urgency.group, found, to_do))
     }
 
-    /// The same, if these are to be dealt with as `to_do` says and are all of one kind.
+    /// Takes out the squares that [`Self::pop`] would, if these are to be dealt with as `to_do`
+    /// says and `is_like` holds for all of them; else none.
     pub(super) fn pop_like(
         &mut self,
         to_do: &ToDo,

@@ -6,6 +6,7 @@ use super::entry::{Entry, Table};
 use crate::Result;
 use crate::space::Decimal;
 
+/// The keys that `[camera]` may have.
 pub(super) const KEYS: [&str; 6] = ["projection", "position", "look_at", "up", "fov", "height"];
 
 /// How rays leave the camera.
@@ -44,6 +45,10 @@ enum Kind {
 }
 
 impl CameraSettings {
+    /// Reads `[camera]`.
+    ///
+    /// # Errors
+    /// A missing or malformed key, and a camera that looks at its own position.
     pub(super) fn parse(table: &Table<'_>) -> Result<Self> {
         let projection = parse_projection(table)?;
         let position = decimals(table.required("position")?)?;

@@ -12,7 +12,9 @@ use crate::{Error, Result};
 /// A TOML text and where it comes from.
 #[derive(Clone, Copy)]
 pub(super) struct Text<'a> {
+    /// Where the text comes from, for messages: a path.
     pub(super) place: &'a str,
+    /// The text itself.
     pub(super) source: &'a str,
 }
 
@@ -29,7 +31,8 @@ impl Text<'_> {
 #[derive(Clone, Copy)]
 pub(super) struct Table<'a> {
     text: Text<'a>,
-    /// As it is written in the text: `[camera]`.
+    /// The table's name as it is written in the text, such as `[camera]`; empty for the text as a
+    /// whole.
     name: &'a str,
     start: usize,
     entries: &'a DeTable<'a>,

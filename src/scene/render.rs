@@ -3,6 +3,7 @@
 use super::entry::{Entry, Table, shown};
 use crate::{Error, Result};
 
+/// The keys that `[render]` may have.
 pub(super) const KEYS: [&str; 4] = ["interpolation", "tolerance", "samples", "background"];
 
 /// Most rays per pixel and axis that `samples` may ask for.
@@ -108,6 +109,10 @@ impl Default for RenderSettings {
 }
 
 impl RenderSettings {
+    /// Reads `[render]`; keys that are missing have their defaults.
+    ///
+    /// # Errors
+    /// A malformed key.
     pub(super) fn parse(table: &Table<'_>) -> Result<Self> {
         let mut settings = Self::default();
         if let Some(entry) = table.get("interpolation") {

@@ -52,7 +52,7 @@ fn decimal(text: &str) -> Decimal {
 }
 
 #[test]
-fn defaults_are_those_of_the_contract() {
+fn defaults_are_those_that_the_scene_format_names() {
     let scene = parse(SMALLEST).unwrap();
     assert_eq!(scene.image, ImageSettings { width: 512, height: 512, exposure: 0.0 });
     assert_eq!(scene.camera.projection, Projection::Perspective { fov_degrees: 45.0 });

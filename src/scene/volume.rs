@@ -6,6 +6,7 @@ use super::mapping::Scale;
 use super::piecewise::PiecewiseLinear;
 use crate::Result;
 
+/// The keys that a `[[volume]]` may have.
 pub(super) const KEYS: [&str; 10] = [
     "field",
     "scale",
@@ -73,6 +74,10 @@ pub struct VolumeSettings {
 }
 
 impl VolumeSettings {
+    /// Reads a `[[volume]]`.
+    ///
+    /// # Errors
+    /// A missing or malformed key, and `color_field`, which is reserved.
     pub(super) fn parse(table: &Table<'_>) -> Result<Self> {
         if let Some(entry) = table.get("color_field") {
             return Err(entry.error("reserved: colour by another field is not supported yet"));

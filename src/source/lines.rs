@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use crate::{Error, Result};
+use crate::{Error, Result, regular_file};
 
 /// Longest line accepted.
 const LONGEST_LINE: u64 = 1 << 16;
@@ -25,7 +25,7 @@ impl Lines {
     /// # Errors
     /// A file that cannot be opened.
     pub(super) fn open(path: &Path) -> Result<Self> {
-        let file = File::open(path).map_err(|e| Error::io(path, "cannot open", e))?;
+        let file = regular_file::open(path).map_err(|e| Error::io(path, "cannot open", e))?;
         let input = BufReader::with_capacity(1 << 16, file);
         Ok(Self { path: path.to_owned(), input, number: Some(0), offset: 0, buffer: Vec::new() })
     }
@@ -63,7 +63,7 @@ impl Lines {
     /// The next line, without blanks around it, which must hold `what`.
     ///
     /// # Errors
-    /// As [`Self::next`], and the end of the file.
+    /// What [`Self::next`] refuses, and the end of the file.
     pub(super) fn expect(&mut self, what: &str) -> Result<String> {
         match self.next()? {
             Some(line) => Ok(line.trim().to_owned()),
@@ -74,7 +74,7 @@ impl Lines {
     /// The next line as `parse` understands it.
     ///
     /// # Errors
-    /// As [`Self::expect`], and a line that is not understood.
+    /// What [`Self::expect`] refuses, and a line that is not understood.
     pub(super) fn parse<T>(
         &mut self,
         what: &str,

@@ -106,11 +106,6 @@ pub trait Source: Send + Sync {
     /// Whatever is wrong with the hierarchy, naming the grid; and what `visit` returns.
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()>;
 
-    /// Whether values are there of cells that finer levels cover, so that these can be left out.
-    fn has_covered_cells(&self) -> bool {
-        true
-    }
-
     /// The files that hold the fields' values, each once; here the file that the user named.
     ///
     /// # Errors
@@ -142,18 +137,26 @@ fn first_named(fields: &[SourceField], names: &[&str]) -> Option<usize> {
 
 /// A format that can be read.
 struct Format {
-    /// As `--format` takes it.
+    /// The format's name, as `--format` takes it.
     name: &'static str,
     /// What tells the format, for the message that nothing did.
     looked_for: &'static str,
     /// Whether a file or folder is of the format, by its content.
     recognises: fn(&Path) -> bool,
+    /// Whether outputs hold values of cells that finer levels cover; else of leaf cells alone.
+    has_covered_cells: bool,
     open: fn(&Path) -> Result<Box<dyn Source>>,
 }
 
 /// Every format that can be read, in the order they are tried.
 const FORMATS: &[Format] =
     &[enzo::FORMAT, amrex::FORMAT, athenapp::FORMAT, flash::FORMAT, athena::FORMAT];
+
+/// Whether outputs of the format of that name hold values of cells that finer levels cover, so that
+/// these can be left out; else of leaf cells alone.
+pub fn has_covered_cells(format: &str) -> bool {
+    FORMATS.iter().find(|known| known.name == format).is_none_or(|known| known.has_covered_cells)
+}
 
 /// Opens a simulation output, telling its format by content unless `format` names it.
 ///

@@ -13,7 +13,9 @@ const MAX_EXPONENT: i64 = 100_000;
 /// An exact rational number, `numerator / denominator` with `denominator > 0`, not reduced.
 #[derive(Debug, Clone)]
 pub struct Decimal {
+    /// The numerator, of either sign.
     pub(super) numerator: BigInt,
+    /// The denominator, above 0.
     pub(super) denominator: BigInt,
 }
 

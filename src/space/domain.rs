@@ -182,7 +182,7 @@ impl Domain {
     /// such cells.
     ///
     /// # Errors
-    /// As [`Self::position`].
+    /// A point that [`Self::position`] refuses.
     pub fn nearest_corner(
         &self,
         octree: u32,

@@ -2,7 +2,7 @@
 
 use crate::space::IndexBox;
 
-/// The same space in cells `factor` times as small.
+/// The box that takes the same space in cells `factor` times as small.
 pub(super) fn refined(cells: &IndexBox, factor: i128) -> IndexBox {
     IndexBox { lo: cells.lo.map(|i| i * factor), hi: cells.hi.map(|i| i * factor) }
 }

@@ -58,7 +58,7 @@ pub struct Summary {
 
 /// A simulation code's layout.
 struct Layout {
-    /// As a recipe's `output.format` takes it.
+    /// The layout's name, as a recipe's `output.format` takes it.
     name: &'static str,
     write: Write,
 }

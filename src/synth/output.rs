@@ -1,18 +1,22 @@
 //! A folder that appears whole or not at all.
 
-use std::fs;
+use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 
+use crate::leftovers::Leftover;
 use crate::{Error, Result};
 
 /// First line of the text file that every data set has; folders without it are not replaced.
 pub(super) const MARK: &str = "# Synthetic data set written by deepfield synth";
 
-/// A folder under a temporary name beside its final one, removed unless it is finished.
+/// A folder under a temporary name beside its final one, removed unless it is finished. It is locked,
+/// so that what another process writes is told from what a killed one left.
 pub(super) struct OutputFolder {
     partial: PathBuf,
     target: PathBuf,
     finished: bool,
+    _lock: File,
+    _leftover: Leftover,
 }
 
 impl OutputFolder {
@@ -20,17 +24,23 @@ impl OutputFolder {
     /// starts with [`MARK`].
     ///
     /// # Errors
-    /// A folder of that name which holds anything else than an earlier synthetic data set.
+    /// A folder of that name which holds anything else than an earlier synthetic data set, and
+    /// another process that writes it.
     pub(super) fn create(directory: &Path, name: &str, marked: &str) -> Result<Self> {
         let target = directory.join(name);
         refuse_foreign(&target, marked)?;
         fs::create_dir_all(directory)
             .map_err(|e| Error::io(directory, "cannot make this folder", e))?;
         let partial = directory.join(format!(".{name}.partial"));
-        // What an interrupted run left.
-        remove_folder(&partial)?;
+        if partial.exists() {
+            // What a killed run left.
+            let _lock = lock(&partial, &target)?;
+            remove_folder(&partial)?;
+        }
         fs::create_dir(&partial).map_err(|e| Error::io(&partial, "cannot make this folder", e))?;
-        Ok(Self { partial, target, finished: false })
+        let leftover = Leftover::new(&partial);
+        let lock = lock(&partial, &target)?;
+        Ok(Self { partial, target, finished: false, _lock: lock, _leftover: leftover })
     }
 
     /// A file of the folder, where it is written.
@@ -65,7 +75,11 @@ impl OutputFolder {
             let old = self.partial.with_extension("old");
             remove_folder(&old)?;
             rename(&self.target, &old)?;
-            rename(&self.partial, &self.target)?;
+            if let Err(error) = rename(&self.partial, &self.target) {
+                // The error to tell is the first; what was there should be there again.
+                let _ = rename(&old, &self.target);
+                return Err(error);
+            }
             self.finished = true;
             remove_folder(&old)?;
         } else {
@@ -83,6 +97,23 @@ impl Drop for OutputFolder {
             // next run removes.
             let _ = fs::remove_dir_all(&self.partial);
         }
+    }
+}
+
+/// The folder, locked for this process.
+fn lock(partial: &Path, target: &Path) -> Result<File> {
+    let failed = |error| Error::io(partial, "cannot lock this folder", error);
+    let folder = File::open(partial).map_err(failed)?;
+    match folder.try_lock() {
+        Err(TryLockError::WouldBlock) => Err(Error::request(format!(
+            "{}: another process is writing this folder; wait for it or name another",
+            target.display()
+        ))),
+        // Without locks there is no protection from a second writer, but writing still works.
+        Err(TryLockError::Error(error)) if error.kind() != std::io::ErrorKind::Unsupported => {
+            Err(failed(error))
+        }
+        _ => Ok(folder),
     }
 }
 

@@ -267,7 +267,7 @@ impl Recipe {
         Ok(recipe)
     }
 
-    /// The same recipe with another root grid, for convergence tests.
+    /// This recipe with another root grid, for convergence tests.
     ///
     /// # Errors
     /// A root grid that cannot be written.
@@ -277,7 +277,7 @@ impl Recipe {
         Ok(self)
     }
 
-    /// The same recipe with `scale` times as many cells along each axis, at all levels: root grid
+    /// This recipe with `scale` times as many cells along each axis, at all levels: root grid
     /// and number of its tiles are those times `scale`, rounded.
     ///
     /// # Errors
@@ -319,7 +319,7 @@ impl Recipe {
         }
     }
 
-    /// The same recipe in another layout.
+    /// This recipe in another layout.
     ///
     /// # Errors
     /// A layout that there is not.

@@ -1,6 +1,6 @@
 //! A picture of a cut through the data under a transfer function with sharp steps.
 
-use deepfield::image::Film;
+use deepfield::render::Film;
 use deepfield::space::{FRACTION_BITS, Position};
 use glam::DVec3;
 

@@ -15,9 +15,9 @@ use crate::cache::{BrickShape, Cache, Cursor, TreeLevel};
 use crate::cli::output::Output;
 use crate::cli::progress::Bar;
 use crate::cli::values;
-use crate::image::Film;
 use crate::ingest::{self, Options, Progress, in_pool};
 use crate::leftovers::ScratchFolder;
+use crate::render::Film;
 use crate::render::memory::loaded_bytes;
 use crate::scene::{Interpolation, Samples, Scene};
 use crate::space::Domain;
@@ -54,6 +54,10 @@ pub(super) struct Arguments {
     limits: Limits,
 }
 
+/// Runs the command.
+///
+/// # Errors
+/// A cache, scene or level that does not fit, and whatever ingest and renders say.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let folder = ScratchFolder::new()?;
     let cache = Cache::open(&arguments.cache, Cursor::WINDOWS)?;

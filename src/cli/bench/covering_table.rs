@@ -42,11 +42,13 @@ impl Kind {
 /// The cache, or a rival.
 #[derive(Debug)]
 pub(super) struct Subject {
+    /// Which of them it is.
     pub(super) kind: Kind,
     /// The grid's level, or the cache's deepest.
     pub(super) level: u32,
     /// Cells of the grid, or of all levels of the simulation.
     pub(super) cells: u128,
+    /// Size of the file, bytes.
     pub(super) file_bytes: u64,
     /// The file.
     pub(super) path: PathBuf,

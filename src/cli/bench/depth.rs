@@ -29,6 +29,10 @@ pub(super) struct Arguments {
     limits: Limits,
 }
 
+/// Runs the command.
+///
+/// # Errors
+/// Whatever the renders say, and standard output that cannot be written.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { scene, caches, tolerance, samples, limits } = arguments;
     let renderer = Renderer::new(limits)?;

@@ -12,7 +12,7 @@ const PIXELS: [f64; 5] = [0.0, 0.5, 1.0, 2.0, 4.0];
 const RAYS: [u32; 6] = [1, 2, 3, 4, 6, 8];
 /// Relative accuracies of the march.
 const ACCURACIES: [f64; 2] = [0.0, 1e-3];
-/// Of the settings that reach an error, as many are timed again: the fastest.
+/// How many of the settings that reach an error are timed again: the fastest ones.
 const TIMED_AGAIN: usize = 2;
 
 /// A rival this many times as slow as the slowest of what it is compared with has lost.

@@ -9,9 +9,13 @@ use crate::Result;
 /// What is measured: renders of one scene from one cache against one reference.
 #[derive(Debug)]
 pub(super) struct Bench<'b> {
+    /// How pictures are rendered.
     pub(super) renderer: &'b Renderer,
+    /// The cache's path.
     pub(super) cache: &'b Path,
+    /// The scene's path.
     pub(super) scene: &'b Path,
+    /// The picture that errors are taken to.
     pub(super) reference: &'b Reference,
 }
 

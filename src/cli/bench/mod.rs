@@ -49,6 +49,10 @@ enum Subject {
     Scaling(scaling::Arguments),
 }
 
+/// Runs the benchmark that is asked for.
+///
+/// # Errors
+/// Whatever that one says.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     match &arguments.subject {
         Subject::Tolerance(arguments) => tolerance::run(arguments),

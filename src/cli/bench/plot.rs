@@ -40,18 +40,26 @@ impl Series {
 /// A dashed line across the plot; left out where a logarithmic axis cannot show it.
 #[derive(Debug)]
 pub(super) struct Line {
+    /// What the plot calls it.
     pub(super) name: String,
+    /// Whether it stands at an x; else it lies at a y.
     pub(super) is_vertical: bool,
+    /// That x or y, in the axis' unit.
     pub(super) at: f64,
 }
 
 /// A plot.
 #[derive(Debug)]
 pub(super) struct Plot {
+    /// What stands above it.
     pub(super) title: String,
+    /// What stands beside the x axis.
     pub(super) x_label: String,
+    /// What stands beside the y axis.
     pub(super) y_label: String,
+    /// The points, series by series.
     pub(super) series: Vec<Series>,
+    /// The dashed lines.
     pub(super) lines: Vec<Line>,
 }
 

@@ -37,6 +37,10 @@ pub(super) struct Arguments {
     repeat: u32,
 }
 
+/// Runs the command.
+///
+/// # Errors
+/// Outputs that cannot be read or made, and standard output that cannot be written.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let made = arguments.inputs.is_empty().then(Made::new).transpose()?;
     let inputs = made.as_ref().map_or(&arguments.inputs, |made| &made.inputs);

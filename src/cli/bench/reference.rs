@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::renderer::Renderer;
 use crate::Result;
-use crate::image::Film;
+use crate::render::Film;
 use crate::scene::Samples;
 
 /// Most rays along a pixel's axis.

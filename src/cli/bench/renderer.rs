@@ -9,8 +9,8 @@ use clap::Args;
 use serde::Deserialize;
 
 use crate::cli::size;
-use crate::image::Film;
 use crate::leftovers::ScratchFolder;
+use crate::render::Film;
 use crate::{Error, Result};
 
 /// How all pictures of a benchmark are made.
@@ -41,9 +41,11 @@ pub(super) struct Cost {
     pub(super) load_seconds: f64,
     /// Rendering, with what is loaded meanwhile, seconds.
     pub(super) render_seconds: f64,
-    /// Of that, what marching threads waited for the file or for other threads, all together, seconds.
+    /// Part of rendering: what marching threads waited for the file or for other threads, all
+    /// together, seconds.
     pub(super) wait_seconds: f64,
-    /// Of that, what marching threads spent on preparing bricks themselves, all together, seconds.
+    /// Part of rendering: what marching threads spent on preparing bricks themselves, all together,
+    /// seconds.
     pub(super) own_loading_seconds: f64,
     /// Threads that march.
     pub(super) threads: usize,

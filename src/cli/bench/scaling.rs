@@ -44,6 +44,10 @@ pub(super) struct Arguments {
     limits: Limits,
 }
 
+/// Runs the command.
+///
+/// # Errors
+/// Whatever making data, ingest and renders say, and files that cannot be written.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let data = match &arguments.inputs[..] {
         [] => arguments.scales.iter().copied().map(Data::Made).collect(),

@@ -42,6 +42,7 @@ impl Data {
 /// A data set's cache, and what making it took.
 #[derive(Debug)]
 pub(super) struct Prepared {
+    /// The cache's path.
     pub(super) cache: PathBuf,
     /// None where the cache was given.
     pub(super) ingest: Option<IngestStats>,
@@ -114,6 +115,7 @@ impl Workshop {
 /// Scenes with their names.
 #[derive(Debug)]
 pub(super) struct Scenes {
+    /// Each scene's name and path.
     pub(super) list: Vec<(String, PathBuf)>,
 }
 

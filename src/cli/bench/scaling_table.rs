@@ -10,7 +10,9 @@ const MEGABYTE: f64 = 1e6;
 /// One scene's best picture.
 #[derive(Debug)]
 pub(super) struct View {
+    /// The scene's name.
     pub(super) name: String,
+    /// What the picture took.
     pub(super) cost: Cost,
     /// Processor time of the process, seconds.
     pub(super) cpu_seconds: Option<f64>,
@@ -19,15 +21,21 @@ pub(super) struct View {
 /// What a data set took.
 #[derive(Debug)]
 pub(super) struct Measured {
+    /// The data set's name.
     pub(super) name: String,
     /// None where a cache was given.
     pub(super) ingest: Option<IngestStats>,
     /// Processor time of the ingest, seconds.
     pub(super) cpu_seconds: Option<f64>,
+    /// Size of the cache, bytes.
     pub(super) cache_bytes: u64,
+    /// Bricks of the cache.
     pub(super) bricks: u64,
+    /// Levels of the simulation.
     pub(super) levels: usize,
+    /// Leaf cells of all levels.
     pub(super) leaf_cells: u64,
+    /// The picture of each scene.
     pub(super) views: Vec<View>,
 }
 

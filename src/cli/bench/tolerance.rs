@@ -46,6 +46,10 @@ pub(super) struct Arguments {
     limits: Limits,
 }
 
+/// Runs the command.
+///
+/// # Errors
+/// A scene that cannot be read, whatever the renders say, and files that cannot be written.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let samples = Scene::load(&arguments.scene)?.render.samples;
     let renderer = Renderer::new(&arguments.limits)?;

@@ -54,12 +54,12 @@ fn scene(field: &CachedField, eye: &[String; 3], target: &[String; 3], length: f
     let [low_absorption, middle, high_absorption] = [0.3, 10.0, 1000.0].map(|k| k / length);
     format!(
         "[image]\nwidth = 320\nheight = 180\n[camera]\nposition = {}\nlook_at = {}\nfov = 40.0\n\
-         [render]\nsamples = 1\ntolerance = \"1%\"\n[[volume]]\nfield = {:?}\nscale = \"{scale}\"\n\
+         [render]\nsamples = 1\ntolerance = \"1%\"\n[[volume]]\nfield = {}\nscale = \"{scale}\"\n\
          range = [{low:e}, {high:e}]\ncolormap = \"inferno\"\nabsorption = [[0.0, \
          {low_absorption:e}], [0.3, {middle:e}], [1.0, {high_absorption:e}]]\n",
         quoted(eye),
         quoted(target),
-        field.name,
+        toml::Value::String(field.name.clone()),
     )
 }
 

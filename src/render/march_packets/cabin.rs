@@ -3,8 +3,8 @@
 use super::cell_walk::CellWalk;
 use super::seats::{Seats, SetOff, split};
 use super::{Accounts, Passenger, Place, Rays, lanes};
+use crate::lanes::{MOST_LANES, Row, Width};
 use crate::render::absorb::Integrator;
-use crate::render::lanes::{MOST_LANES, Row, Width};
 use crate::render::ledger::Ledger;
 use crate::render::march::{Beam, Spread, arrive, leave, march, spread_of};
 use crate::render::march_linear::pass_dual_cell;
@@ -35,6 +35,7 @@ struct Aboard {
 }
 
 impl Cabin {
+    /// An empty packet.
     pub(super) fn new() -> Self {
         let squares = Vec::with_capacity(MOST_LANES);
         Self { packet: Packet::new(), seats: Seats::new(), squares, are_proxies: false }
@@ -133,7 +134,7 @@ impl Cabin {
         } else {
             arrive(place.passage, ray, met, beam, (state, error))
         };
-        let is_wide = spread.0.iter().any(|spread| *spread > 1.0 - f64::from(SLACK));
+        let is_wide = spread.cells.iter().any(|spread| *spread > 1.0 - f64::from(SLACK));
         let mut single = 0;
         if is_wide && self.are_proxies {
             error.farthest = Sums::ANYTHING;
@@ -146,15 +147,17 @@ impl Cabin {
             leave(span, beam, state, (error, &before));
         }
         for a in 0..3 {
-            self.packet.spread[a].0[lane] = spread.0[a] as f32 + SLACK;
+            self.packet.spread[a].0[lane] = spread.cells[a] as f32 + SLACK;
+            self.packet.bend[a].0[lane] = spread.bend[a] as f32;
         }
-        self.packet.turn.0[lane] = (2.0 * spread.1) as f32;
+        self.packet.turn.0[lane] = (2.0 * spread.angle) as f32;
         self.squares.push(Aboard { beam: *beam, spread, before });
         single
     }
 
-    /// Of proxies that have come to cells that are not fit for packets, nothing is said: what others
-    /// would find there is known for packets alone.
+    /// Gives up proxies that have come to cells that are not fit for packets: the others for which
+    /// they stand may be off by anything, since what those would find there is known for packets
+    /// alone.
     fn give_up(&mut self, ground: &Ground<'_>, rays: &[Passenger], film: &mut Rays<'_>) {
         for lane in lanes(self.packet.active) {
             if ground.fit(self.packet.cell(lane)).is_none() {
@@ -253,7 +256,7 @@ impl Cabin {
         let mut walk = CellWalk::new(&ray, range, self.packet.cell(lane), (from, span.1));
         let relief = &passage.brick.relief;
         let (state, error) = (&mut film.states[index], &mut film.errors[index]);
-        let spread = self.squares.get(lane).map_or(([0.0; 3], 0.0), |square| square.spread);
+        let spread = self.squares.get(lane).map_or_else(Spread::default, |square| square.spread);
         let mut ledger = accounts.then(|| Ledger::new(relief, error, passage.hides, spread));
         let mut integrator = Integrator::new(light.pieces, &light.ending, accounts, state);
         let mut rungs = Vec::new();

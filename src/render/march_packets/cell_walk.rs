@@ -8,7 +8,9 @@ use crate::render::walk::Step;
 pub(super) struct CellWalk<'r> {
     ray: &'r LocalRay,
     range: &'r CellRange,
+    /// The dual cell reached.
     pub(super) cell: [i32; 3],
+    /// σ reached.
     pub(super) from: f64,
     end: f64,
 }

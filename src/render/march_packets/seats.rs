@@ -1,8 +1,8 @@
 //! Where a packet's rays come into a brick, worked out for all lanes at once, in f64.
 
 use super::Passenger;
+use crate::lanes::{Kernel, Lanes, MOST_LANES};
 use crate::render::frame::LocalRay;
-use crate::render::lanes::{Kernel, Lanes, MOST_LANES};
 use crate::render::march::{CellRange, Region};
 use crate::render::packet::{ORIGIN_STEP, Packet};
 
@@ -28,6 +28,7 @@ pub(super) struct Seats {
 }
 
 impl Seats {
+    /// Seats that hold rays without meaning, all of whose numbers are finite.
     pub(super) fn new() -> Self {
         let [zero, one] = [0.0, 1.0].map(|x| [x; MOST_LANES]);
         Self {
@@ -82,11 +83,15 @@ impl Seats {
 /// Sets all lanes to where their rays come into a brick, and to their directions. Its output has
 /// the lanes that meet it; others are set to anything that is a number.
 pub(super) struct SetOff<'s> {
+    /// What of the brick is drawn.
     pub(super) region: &'s Region,
-    /// The cells that rays walk through, and how far before the brick their number 0 begins.
+    /// The cells that rays walk through.
     pub(super) range: &'s CellRange,
+    /// How far before the brick number 0 of these begins, cells.
     pub(super) shift: f64,
+    /// The rays; where each enters and leaves is set here.
     pub(super) seats: &'s mut Seats,
+    /// The packet that is set off.
     pub(super) packet: &'s mut Packet,
     /// How many lanes there are rays for.
     pub(super) count: usize,
@@ -217,7 +222,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::render::lanes::Width;
+    use crate::lanes::Width;
     use crate::render::march::DUAL_SHIFT;
     use crate::render::walk::clip;
 
@@ -285,7 +290,7 @@ mod tests {
     ) -> Result<(), TestCaseError> {
         let unit = ray.direction.abs().max_element().recip();
         let [enters, leaves] = [span.0, span.1].map(|s| ray.origin + ray.direction * s + shift);
-        let long = |rows: [&crate::render::lanes::Row; 2]| {
+        let long = |rows: [&crate::lanes::Row; 2]| {
             rows.iter().map(|row| f64::from(row.0[lane])).sum::<f64>()
         };
         let cell = packet.cell(lane);

@@ -4,21 +4,24 @@
 use super::Ground;
 use super::cube::Bend;
 use super::rows::distance;
-use crate::render::lanes::Lanes;
+use crate::lanes::Lanes;
 use crate::render::transfer_table::Bends;
 
-/// What is known of a part's optical depth: of the table's largest extinction, of the mean of both
-/// nodes, and the larger extinction of these.
+/// What is known of a part's optical depth.
 pub(super) struct Depths<L: Lanes> {
+    /// The depth that the table's largest extinction makes.
     pub(super) thickness: L::Float,
+    /// The depth that the mean of both nodes makes.
     pub(super) mean: L::Float,
+    /// The larger extinction of both nodes.
     pub(super) extinction: L::Float,
 }
 
 /// What a part is off by.
 pub(super) struct Off<L: Lanes> {
-    /// Emission and extinction, on average over the part.
+    /// Emission, on average over the part.
     pub(super) emission: L::Float,
+    /// Extinction, on average over the part.
     pub(super) extinction: L::Float,
     /// Extinction, at most, if taken to be linear along it.
     pub(super) most: L::Float,
@@ -26,6 +29,7 @@ pub(super) struct Off<L: Lanes> {
     pub(super) curved: L::Float,
     /// Its optical depth, at most.
     pub(super) depth: L::Float,
+    /// What x is along it.
     pub(super) seen: Seen<L>,
     /// Steepest slopes of emission and extinction that its values, and what they may be off by as
     /// they are stored, meet.
@@ -35,11 +39,13 @@ pub(super) struct Off<L: Lanes> {
 /// What x is along a part.
 #[derive(Clone, Copy)]
 pub(super) struct Seen<L: Lanes> {
-    /// Within `half` of `middle`.
+    /// The middle of the values that x may take.
     pub(super) middle: L::Float,
+    /// Half the range of these: x is within `half` of `middle`.
     pub(super) half: L::Float,
-    /// At most `off` from the straight line through the nodes, which rises so far.
+    /// How far x is from the straight line through the nodes, at most.
     pub(super) off: L::Float,
+    /// How far that line rises over the part.
     pub(super) rise: L::Float,
 }
 
@@ -192,7 +198,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::render::lanes::Portable;
+    use crate::lanes::Portable;
 
     /// Gauss–Legendre nodes from −½ to ½.
     const NODE: f64 = 0.288_675_134_594_812_9;

@@ -11,7 +11,7 @@ use super::Ground;
 use super::cube::{Bend, Cube, Skew};
 use super::deal::Deal;
 use super::rows::distance;
-use crate::render::lanes::{BYTE_PADDING, Lanes};
+use crate::lanes::{BYTE_PADDING, Lanes};
 
 /// Levels that a brick's own may be blended with.
 pub(in crate::render) const MOST_PARENTS: usize = 3;
@@ -19,13 +19,16 @@ pub(in crate::render) const MOST_PARENTS: usize = 3;
 /// A block that a brick's level is blended with.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::render) struct Parents<'g> {
-    /// Mapped values, x fastest, ghosts included; and cells along an edge.
+    /// Mapped values, x fastest, ghosts included.
     pub(in crate::render) values: &'g [f32],
+    /// Cells along an edge, ghosts included.
     pub(in crate::render) side: usize,
     /// Which corners of its dual cells exist, (side − 1)³ and padding for lanes.
     pub(in crate::render) corners: &'g [u8],
-    /// Where the brick's lower corner lies, in its cells, and the width of the brick's in those.
+    /// Where the brick's lower corner lies, in the block's cells from its cell 0 (ghosts not
+    /// counted).
     pub(in crate::render) corner: [f32; 3],
+    /// Width of the brick's cells, in the block's.
     pub(in crate::render) scale: f32,
 }
 
@@ -41,6 +44,7 @@ pub(super) struct Bends<L: Lanes> {
 const PAIRS: [[usize; 2]; 3] = [[0, 1], [1, 2], [2, 0]];
 
 impl<L: Lanes> Bends<L> {
+    /// Where weights bend along rays of these directions, cells per unit of t.
     #[inline(always)]
     pub(super) fn new(l: L, direction: [L::Float; 3]) -> Self {
         let zero = l.splat(0.0);
@@ -153,7 +157,7 @@ const fn bent() -> [u8; 256 + BYTE_PADDING] {
 
 /// The blending in one of the eight parts of a dual cell, each of which belongs to one cell.
 pub(super) struct Part<L: Lanes> {
-    /// As [`MISSING`] has it, of the brick's own level.
+    /// The entry of [`MISSING`] for the brick's own level.
     missing: L::Index,
     parents: [Level<L>; MOST_PARENTS],
     /// How many of them count.
@@ -174,12 +178,16 @@ struct Level<L: Lanes> {
     bend: Bend<L>,
 }
 
-/// A stretch within the part: where it begins, its middle, and its length.
+/// A stretch within the part.
 #[derive(Clone, Copy)]
 pub(super) struct Along<'a, L: Lanes> {
+    /// Where it begins, from the dual cell's lowest corner, cells.
     pub(super) from: [L::Float; 3],
+    /// Its middle, likewise.
     pub(super) middle: [L::Float; 3],
+    /// Its length, in t.
     pub(super) length: L::Float,
+    /// Products of the ray's direction.
     pub(super) skew: &'a Skew<L>,
 }
 
@@ -210,7 +218,7 @@ impl<L: Lanes> Part<L> {
         part
     }
 
-    /// Of the rays whose parts are dealt.
+    /// In each lane the blending for the ray whose part is dealt to it.
     #[inline(always)]
     pub(super) fn dealt(&self, l: L, deal: &Deal<L>) -> Self {
         let missing = dealt(l, self.missing, deal);
@@ -348,7 +356,8 @@ fn number<L: Lanes>(l: L, [x, y, z]: [L::Float; 3], side: usize) -> L::Index {
     l.index(l.fma(l.fma(z, side, y), side, x))
 }
 
-/// As [`MISSING`] has it, where these corners exist, for the part of the dual cell with `place`.
+/// The entry of [`MISSING`] where these corners of a dual cell exist, for the part of it that holds
+/// `place`.
 #[inline(always)]
 fn missing_at<L: Lanes>(l: L, exists: L::Index, place: [L::Float; 3]) -> L::Index {
     let mut own = l.mul(l.float(exists), l.splat(8.0));

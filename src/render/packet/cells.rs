@@ -18,7 +18,7 @@ use super::shade::DARK;
 use super::sums::Sums;
 use super::walk::{Exit, Walk};
 use super::{Ground, Packet, add_off, go_on, rates_at};
-use crate::render::lanes::Lanes;
+use crate::lanes::Lanes;
 
 /// Optical depths up to this are summed as series, to 2e-9.
 const THIN: f32 = 0.25;
@@ -40,7 +40,7 @@ const CROSSING_ROUNDING: f32 = 4e-12;
 const THIN_ROUNDING: [f32; 2] = [8e-8, 1.45e-7];
 const THICK_ROUNDING: [f32; 2] = [1.75e-7, 2.45e-7];
 
-/// As [`super::March`] has it.
+/// The march of a packet through constant cells until each active ray has left the brick or faded.
 #[inline(always)]
 pub(super) fn march<L: Lanes, const ABSORBS: bool>(l: L, ground: &Ground<'_>, packet: &mut Packet) {
     let mut walk = Walk::new(l, ground, packet);
@@ -225,8 +225,9 @@ fn remaining<L: Lanes>(l: L, depth: Long<L>) -> Long<L> {
 
 /// Where rays may be in other cells than in f32.
 struct Doubts<L: Lanes> {
-    /// By how much crossings may be off along t, and the end of the way.
+    /// By how much crossings of planes along each axis may be off, in t.
     off: [L::Float; 3],
+    /// By how much the end of the way may be off, in t.
     off_end: L::Float,
     /// How far from t on the ray has certainly crossed all planes that it has crossed in f32.
     since: L::Float,
@@ -253,8 +254,8 @@ impl<L: Lanes> Doubts<L> {
         Self { off, off_end, since: l.splat(0.0), is_clear: l.mask(!0) }
     }
 
-    /// Of the way to `exit` through a cell with these planes ahead, of which the ray crosses the one
-    /// along one of the axes, or none where the brick ends.
+    /// What is in doubt of the way to `exit` through a cell with these planes ahead, of which the
+    /// ray crosses the one along one of the axes, or none where the brick ends.
     #[inline(always)]
     fn pass(&mut self, l: L, walk: &Walk<L>, planes: [Long<L>; 3], exit: &Exit<L>) -> Doubt<L> {
         let (way, zero, since) = (exit.way, l.splat(0.0), self.since);
@@ -290,7 +291,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::render::lanes::{Kernel, Row, Width};
+    use crate::lanes::{Kernel, Row, Width};
 
     struct Pass(f64);
 

@@ -3,7 +3,7 @@
 
 use super::deal::Deal;
 use super::rows::distance;
-use crate::render::lanes::Lanes;
+use crate::lanes::Lanes;
 
 /// A dual cell's corners as differences along x.
 #[derive(Clone, Copy)]
@@ -57,7 +57,7 @@ impl<L: Lanes> Cube<L> {
         }
     }
 
-    /// Of the rays whose parts are dealt.
+    /// In each lane the cube of the ray whose part is dealt to it.
     #[inline(always)]
     pub(super) fn dealt(mut self, l: L, deal: &Deal<L>) -> Self {
         for n in 0..4 {
@@ -88,6 +88,7 @@ pub(super) struct Skew<L: Lanes> {
 }
 
 impl<L: Lanes> Skew<L> {
+    /// The products of a direction with these components.
     #[inline(always)]
     pub(super) fn new(l: L, [x, y, z]: [L::Float; 3]) -> Self {
         let xy = l.mul(x, y);
@@ -95,18 +96,21 @@ impl<L: Lanes> Skew<L> {
     }
 }
 
-/// How x bends along a way taken as one, at most: coefficients of its second, third and fourth
-/// power, and how far it is off such a polynomial.
+/// How x bends along a way whose length counts as 1, at most.
 #[derive(Clone, Copy)]
 pub(super) struct Bend<L: Lanes> {
+    /// Coefficient of the second power of the way.
     pub(super) second: L::Float,
+    /// Coefficient of the third power.
     pub(super) third: L::Float,
+    /// Coefficient of the fourth power.
     pub(super) fourth: L::Float,
+    /// How far x is off such a polynomial.
     pub(super) kink: L::Float,
 }
 
 impl<L: Lanes> Bend<L> {
-    /// Along `share` of the way.
+    /// How x bends along `share` of the way, whose length then counts as 1.
     #[inline(always)]
     pub(super) fn along(self, l: L, share: f32) -> Self {
         let (square, cube) = (share * share, share * share * share);
@@ -118,7 +122,7 @@ impl<L: Lanes> Bend<L> {
         }
     }
 
-    /// Of a sum.
+    /// How the sum of both bends, at most.
     #[inline(always)]
     pub(super) fn plus(self, l: L, other: Self) -> Self {
         Self {
@@ -140,7 +144,7 @@ impl<L: Lanes> Bend<L> {
         }
     }
 
-    /// Of the rays whose parts are dealt.
+    /// In each lane the bend for the ray whose part is dealt to it.
     #[inline(always)]
     pub(super) fn dealt(self, l: L, deal: &Deal<L>) -> Self {
         Self {

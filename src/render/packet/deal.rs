@@ -1,7 +1,7 @@
 //! Parts of few rays' stretches dealt to all lanes, so that none are idle.
 #![allow(clippy::needless_range_loop)]
 
-use crate::render::lanes::{Lanes, MOST_LANES, Row};
+use crate::lanes::{Lanes, MOST_LANES, Row};
 
 /// Which ray's part is in which lane. All parts of a ray are side by side, as far as there is room.
 pub(super) struct Deal<L: Lanes> {
@@ -74,7 +74,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::render::lanes::{Kernel, Width};
+    use crate::lanes::{Kernel, Width};
 
     /// Deals parts, of a depth each, of the rays in `lanes`, which have come through `before`.
     struct Dealt {

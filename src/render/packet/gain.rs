@@ -8,7 +8,7 @@ use super::cube::{Bend, Cube};
 use super::deal::Deal;
 use super::rows::behind;
 use super::shade::{shade, through};
-use crate::render::lanes::Lanes;
+use crate::lanes::Lanes;
 
 /// Gauss–Legendre nodes on [0, 1]: ½ ∓ 1/√12.
 const NODES: [f32; 2] = [0.211_324_87, 0.788_675_1];
@@ -20,40 +20,46 @@ pub(in crate::render) const DEEPEST: f32 = 1.0;
 /// A stretch of a cell, along which one formula holds.
 #[derive(Clone, Copy)]
 pub(super) struct Stretch<'s, L: Lanes> {
+    /// The brick's own values at the dual cell's corners.
     pub(super) cube: &'s Cube<L>,
     /// How the level's own interpolant bends along it.
     pub(super) bend: Bend<L>,
     /// How it is blended, beside borders of levels.
     pub(super) part: Option<&'s Part<L>>,
-    /// Where the ray comes into the cell, and its direction.
+    /// Where the ray comes into the cell, from its lowest corner, cells.
     pub(super) place: [L::Float; 3],
+    /// The ray's direction, cells per unit of t.
     pub(super) direction: [L::Float; 3],
-    /// Where it begins, from there, and its length.
+    /// Where it begins, in t from where the ray comes into the cell.
     pub(super) from: L::Float,
+    /// Its length, in t.
     pub(super) way: L::Float,
     /// Optical depth of the table's largest extinction per unit of length.
     pub(super) thickness: L::Float,
     /// What extinction is off by beside what is found out on the way.
     pub(super) rate: L::Float,
-    /// The first four of [`Ground::rows`].
+    /// The first four numbers of the group's row in [`Ground::rows`].
     pub(super) stored: [L::Float; 4],
 }
 
-/// How a stretch, or several, answer to values that are not stored exactly: ∫ T dt, and the same
-/// of the steepest slopes of emission and of extinction times what x is off by; and ∫ dt of the
-/// latter.
+/// How a stretch, or several, answer to values that are not stored exactly.
 #[derive(Clone, Copy)]
 pub(super) struct Steep<L: Lanes> {
+    /// ∫ T dt, with T the transmittance up to t.
     pub(super) lit: L::Float,
+    /// ∫ T dt of the steepest slope of emission times what x is off by; the same of extinction; and
+    /// ∫ dt of the latter.
     pub(super) slopes: [L::Float; 3],
 }
 
 impl<L: Lanes> Steep<L> {
+    /// What no stretch adds.
     #[inline(always)]
     pub(super) fn none(l: L) -> Self {
         Self { lit: l.splat(0.0), slopes: [l.splat(0.0); 3] }
     }
 
+    /// Adds another stretch's; of slopes only emission's where nothing absorbs.
     #[inline(always)]
     pub(super) fn add<const ABSORBS: bool>(&mut self, l: L, other: &Self) {
         self.lit = l.add(self.lit, other.lit);
@@ -66,10 +72,13 @@ impl<L: Lanes> Steep<L> {
 /// What a stretch adds to the sums.
 #[derive(Clone, Copy)]
 pub(super) struct Gain<L: Lanes> {
+    /// Emission that it adds, dimmed by what lies in front (R, G, B).
     pub(super) light: [L::Float; 3],
     /// Optical depth behind it.
     pub(super) depth: L::Float,
+    /// How it answers to values that are not stored exactly.
     pub(super) steep: Steep<L>,
+    /// What it is off by, in the order of [`super::Packet::off`].
     pub(super) off: [L::Float; 3],
     /// Optical depth of the deepest part, at most.
     deepest: L::Float,
@@ -83,7 +92,7 @@ impl<L: Lanes> Gain<L> {
         Self { light: [zero; 3], depth, steep, off: [zero; 3], deepest: zero }
     }
 
-    /// Of a stretch behind an optical depth, passed at once; and what x is along it.
+    /// What a stretch behind an optical depth adds if it is passed at once; and what x is along it.
     #[inline(always)]
     pub(super) fn at_once<const ABSORBS: bool>(
         l: L,
@@ -95,8 +104,9 @@ impl<L: Lanes> Gain<L> {
         look.gain::<ABSORBS>(l, ground, depth, stretch)
     }
 
-    /// The same in so many equal parts, in `lanes` (one bit each) alone: parts of as many of their
-    /// rays at a time as there is room for take all lanes.
+    /// What a stretch behind an optical depth adds if it is passed in so many equal parts, in
+    /// `lanes` (one bit each) alone: parts of as many of their rays at a time as there is room for
+    /// take all lanes.
     #[inline(always)]
     pub(super) fn in_parts<const ABSORBS: bool>(
         l: L,
@@ -198,7 +208,8 @@ fn dealt<L: Lanes>(l: L, part: Option<&Part<L>>, deal: &Deal<L>) -> Option<Part<
 }
 
 impl<'s, L: Lanes> Stretch<'s, L> {
-    /// Of the rays whose parts are dealt, with their cube and how they are blended.
+    /// In each lane the stretch of the ray whose part is dealt to it, with the cube and the
+    /// blending that are dealt likewise.
     #[inline(always)]
     fn dealt<'d>(
         &self,

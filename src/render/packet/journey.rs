@@ -9,7 +9,7 @@ use super::square::{Shift, Squares};
 use super::sums::Sums;
 use super::walk::Walk;
 use super::{Ground, Packet, UNFIT, add_off, go_on, unpacked};
-use crate::render::lanes::Lanes;
+use crate::lanes::Lanes;
 use crate::render::scaled::dual;
 
 /// Marches rays on until each has left the brick or faded, or has come to a cell that is not fit:
@@ -45,7 +45,7 @@ struct Journey<'m, L: Lanes> {
     allowed: L::Float,
     fade: L::Float,
     active: L::Mask,
-    /// Those that have come to cells that are not fit.
+    /// Rays that have come to cells that are not fit for packets.
     stopped: L::Mask,
 }
 

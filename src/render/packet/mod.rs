@@ -51,8 +51,8 @@ mod walk;
 pub(super) use self::blended::{MOST_PARENTS, Parents};
 pub(super) use self::gain::DEEPEST;
 use self::walk::{Exit, Walk};
-use super::lanes::{Kernel, Lanes, MOST_LANES, Row};
 use super::transfer_table::TransferTable;
+use crate::lanes::{Kernel, Lanes, MOST_LANES, Row};
 
 /// What rounding may do to places in a brick, cells.
 pub(super) const SLACK: f32 = 1e-5;
@@ -66,8 +66,10 @@ pub(super) const UNFIT: u32 = u32::MAX;
 
 /// What packets see of a brick.
 pub(super) struct Ground<'g> {
-    /// Mapped values of the brick's block, x fastest, ghosts included, and cells along its edge.
+    /// Mapped values of the brick's block, x fastest, ghosts included.
     pub(super) values: &'g [f32],
+    /// Cells along the edge of that block, ghosts included; without ghosts where cells are
+    /// constant.
     pub(super) side: usize,
     /// What [`dual`] kind each dual cell is, (side − 1)³ and padding for lanes; empty where all
     /// are plain.
@@ -76,9 +78,11 @@ pub(super) struct Ground<'g> {
     pub(super) corners: &'g [u8],
     /// The blocks that the level is blended with, the first ones.
     pub(super) parents: [Parents<'g>; MOST_PARENTS],
+    /// How many of these there are.
     pub(super) parent_count: usize,
-    /// Lowest and highest dual cell that is drawn.
+    /// Lowest dual cell that is drawn, along each axis.
     pub(super) lo: [f32; 3],
+    /// Highest dual cell that is drawn, along each axis.
     pub(super) hi: [f32; 3],
     /// What constant cells emit (R, G, B) and absorb, x fastest, relative to the table's; then `side`
     /// is the brick's edge, cells take the place of dual cells, and there are neither values nor
@@ -92,9 +96,11 @@ pub(super) struct Ground<'g> {
     /// make of emission and extinction, relative to the table's, and of x, at most, and where that is
     /// 0; then the bits of its rates, of its levels', and of the levels' near it.
     pub(super) rows: &'g [[f32; 8]],
-    /// The same of what lies beneath the brick; empty where nothing does.
+    /// For each group what emission and extinction may be off by, packed as `rates` are, because
+    /// bricks beneath are hidden; empty where none are.
     pub(super) levels: &'g [u32],
-    /// The same of stored values, of each cell where these are constant; else empty.
+    /// For each cell, where cells are constant, what emission and extinction may be off by, packed
+    /// as `rates` are, because its value is not stored exactly; else empty.
     pub(super) storages: &'g [u32],
     /// The most that stored values make of x in any group, and how much more that is for each unit
     /// of x.
@@ -109,6 +115,7 @@ pub(super) struct Ground<'g> {
     pub(super) reach: f32,
     /// Groups along an edge.
     pub(super) groups: usize,
+    /// The transfer function.
     pub(super) table: &'g TransferTable,
     /// Sums of the table's kinks at the brick's smallest and largest value.
     pub(super) kinks: [[f32; 4]; 2],
@@ -121,10 +128,11 @@ pub(super) struct Ground<'g> {
 /// Rays in a brick: where they are, and what they gather.
 #[derive(Debug, Clone)]
 pub(super) struct Packet {
-    /// Where each ray enters, in dual cells from the brick's lowest, and its direction per unit
-    /// of t, in which no component is above 1; and what is left of both by their rounding to f32.
-    /// Origins are multiples of [`ORIGIN_STEP`], and what is left.
+    /// Where each ray enters, in dual cells from the brick's lowest: multiples of [`ORIGIN_STEP`],
+    /// and what is left by their rounding.
     pub(super) origin: [[Row; 3]; 2],
+    /// The direction of each ray, dual cells per unit of t, in which no component is above 1; and
+    /// what is left of it by rounding to f32.
     pub(super) direction: [[Row; 3]; 2],
     /// Largest extinction · code length per unit of t.
     pub(super) thickness: Row,
@@ -133,8 +141,9 @@ pub(super) struct Packet {
     pub(super) allowed: Row,
     /// Optical depth from which on what lies behind may be left out.
     pub(super) fade: Row,
-    /// t reached, and t where the ray leaves; and what is left of them by rounding.
+    /// t reached, and what is left of it by rounding.
     pub(super) t: [Row; 2],
+    /// t where the ray leaves, and what is left of it by rounding.
     pub(super) end: [Row; 2],
     /// The dual cell reached.
     pub(super) cell: [Row; 3],
@@ -146,23 +155,30 @@ pub(super) struct Packet {
     pub(super) depth: Row,
     /// What rounding has left of light and depth where cells are constant; else 0.
     pub(super) left: [Row; 4],
-    /// What is off as [`crate::render::ray_error::Sums`] have it, per unit of t: by the march, by
-    /// levels, and by storage.
+    /// What the march makes rays be off by, as [`crate::render::ray_error::Sums`] have it, per unit
+    /// of t.
     pub(super) off: [Row; 3],
+    /// What hidden levels make rays be off by, likewise.
     pub(super) levels: [Row; 3],
+    /// What values that are not stored exactly make rays be off by, likewise.
     pub(super) stored: [Row; 3],
-    /// The squares around rays: their farthest rays' displacement, cells, with [`SLACK`], and twice
-    /// half their diagonal as an angle; and what other rays of them see: at most, and on average but
-    /// for what cancels.
+    /// The squares around rays: their farthest rays' displacement along each axis, cells, with
+    /// [`SLACK`].
     pub(super) spread: [Row; 3],
+    /// What of that does not cancel between opposite rays.
+    pub(super) bend: [Row; 3],
+    /// Twice half the squares' diagonal as an angle.
     pub(super) turn: Row,
+    /// What other rays of the squares see differently, at most.
     pub(super) farthest: [Row; 3],
+    /// What other rays of the squares see differently, on average but for what cancels.
     pub(super) uneven: [Row; 3],
     /// Parts of cells passed by all.
     pub(super) count: u64,
 }
 
 impl Packet {
+    /// A packet without rays.
     pub(super) fn new() -> Self {
         Self {
             origin: [[Row::ZERO; 3]; 2],
@@ -181,6 +197,7 @@ impl Packet {
             levels: [Row::ZERO; 3],
             stored: [Row::ZERO; 3],
             spread: [Row::ZERO; 3],
+            bend: [Row::ZERO; 3],
             turn: Row::ZERO,
             farthest: [Row::ZERO; 3],
             uneven: [Row::ZERO; 3],
@@ -211,7 +228,7 @@ impl Packet {
         self.uneven = [Row::ZERO; 3];
     }
 
-    /// A lane's sums are nothing again.
+    /// Sets the sums of a lane to nothing.
     pub(super) fn clear_lane(&mut self, lane: usize) {
         let sums = self.light.iter_mut().chain(&mut self.off).chain(&mut self.levels);
         let sums = sums.chain(&mut self.stored).chain(&mut self.farthest).chain(&mut self.uneven);
@@ -225,7 +242,9 @@ impl Packet {
 /// The march of a packet until each active ray has left the brick or faded, which are then active no more,
 /// or has come to a cell that is not fit.
 pub(super) struct March<'m> {
+    /// The brick.
     pub(super) ground: &'m Ground<'m>,
+    /// The rays.
     pub(super) packet: &'m mut Packet,
     /// Whether it goes through cells beside borders of levels, and not through plain ones.
     pub(super) blended: bool,

@@ -1,13 +1,15 @@
 //! Small things that lanes do with several numbers.
 #![allow(clippy::needless_range_loop)]
 
-use crate::render::lanes::{Lanes, Row};
+use crate::lanes::{Lanes, Row};
 
+/// Three rows as numbers in lanes.
 #[inline(always)]
 pub(super) fn load<L: Lanes>(l: L, rows: &[Row; 3]) -> [L::Float; 3] {
     [l.load(&rows[0]), l.load(&rows[1]), l.load(&rows[2])]
 }
 
+/// Writes three numbers in lanes to rows.
 #[inline(always)]
 pub(super) fn store<L: Lanes>(l: L, values: &[L::Float; 3], rows: &mut [Row; 3]) {
     for a in 0..3 {

@@ -2,7 +2,7 @@
 #![allow(clippy::needless_range_loop)]
 
 use super::rows::distance;
-use crate::render::lanes::Lanes;
+use crate::lanes::Lanes;
 use crate::render::transfer_table::TransferTable;
 
 /// Depths from which on no f32 shows light.

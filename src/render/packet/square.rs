@@ -8,7 +8,7 @@ use super::rows::{distance, load, store};
 use super::sums::Passed;
 use super::walk::Walk;
 use super::{Packet, SLACK};
-use crate::render::lanes::Lanes;
+use crate::lanes::Lanes;
 
 /// The squares of a packet's rays in a brick.
 #[derive(Clone, Copy)]
@@ -16,6 +16,8 @@ pub(super) struct Squares<L: Lanes> {
     /// Largest displacement of the squares' rays, cells along each axis; 1 / 12 of its inverse.
     spread: [L::Float; 3],
     twelfth: [L::Float; 3],
+    /// What of the displacement does not cancel between opposite rays.
+    bend: [L::Float; 3],
     /// Twice half the square's diagonal as an angle.
     turn: L::Float,
     /// Whose other rays may be more than a cell away.
@@ -36,11 +38,12 @@ pub(super) struct Shift<L: Lanes> {
 const PAIRS: [[usize; 2]; 3] = [[0, 1], [1, 2], [2, 0]];
 
 impl<L: Lanes> Squares<L> {
+    /// The squares of the packet's rays.
     #[inline(always)]
     pub(super) fn load(l: L, packet: &Packet) -> Self {
-        let (spread, one) = (load(l, &packet.spread), l.splat(1.0));
+        let (spread, bend, one) = (load(l, &packet.spread), load(l, &packet.bend), l.splat(1.0));
         let mut squares =
-            Self { spread, twelfth: spread, turn: l.load(&packet.turn), wide: l.mask(0) };
+            Self { spread, twelfth: spread, bend, turn: l.load(&packet.turn), wide: l.mask(0) };
         let mut near = l.mask(!0);
         for a in 0..3 {
             squares.twelfth[a] = l.div(l.splat(1.0 / 12.0), l.max(spread[a], l.splat(SLACK)));
@@ -74,6 +77,7 @@ impl<L: Lanes> Squares<L> {
         }
         let mut smooth = l.mul(self.turn, most);
         for n in 0..3 {
+            smooth = l.fma(slope[n], self.bend[n], smooth);
             let [a, b] = PAIRS[n];
             let twist = l.mul(l.min(uneven[a], uneven[b]), l.mul(spread[a], spread[b]));
             smooth = l.fma(twist, l.splat(2.0 / 3.0), smooth);
@@ -192,7 +196,7 @@ impl<L: Lanes> Squares<L> {
 }
 
 impl<L: Lanes> Shift<L> {
-    /// Of rays that stand for themselves alone.
+    /// No difference, for rays that stand for themselves alone.
     #[inline(always)]
     pub(super) fn none(l: L) -> Self {
         Self { most: l.splat(0.0), uneven: l.splat(0.0), range: l.splat(0.0) }
@@ -244,7 +248,7 @@ impl<L: Lanes> Shift<L> {
 #[inline(always)]
 fn add_to<L: Lanes, const ABSORBS: bool>(
     l: L,
-    rows: &mut [crate::render::lanes::Row; 3],
+    rows: &mut [crate::lanes::Row; 3],
     rates: [L::Float; 2],
     lit: L::Float,
     way: L::Float,

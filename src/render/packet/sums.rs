@@ -5,18 +5,23 @@ use super::bends::Seen;
 use super::gain::{Gain, Steep, Stretch};
 use super::rows::{load, store};
 use super::{Ground, Packet};
-use crate::render::lanes::Lanes;
+use crate::lanes::Lanes;
 
 /// Stretches that are off by too much are passed in so many times as many parts.
 const FINER: u32 = 4;
 
-/// What rays have gathered.
+/// What rays have gathered, and what of it may be wrong.
 #[derive(Clone, Copy)]
 pub(super) struct Sums<L: Lanes> {
+    /// [`Packet::light`].
     pub(super) light: [L::Float; 3],
+    /// [`Packet::depth`].
     pub(super) depth: L::Float,
+    /// [`Packet::off`].
     pub(super) off: [L::Float; 3],
+    /// [`Packet::levels`].
     pub(super) levels: [L::Float; 3],
+    /// [`Packet::stored`].
     pub(super) stored: [L::Float; 3],
 }
 
@@ -26,10 +31,12 @@ pub(super) struct Passed<L: Lanes> {
     pub(super) count: u64,
     /// What x is along it.
     pub(super) seen: Seen<L>,
+    /// How it answers to values that are not stored exactly.
     pub(super) steep: Steep<L>,
 }
 
 impl<L: Lanes> Sums<L> {
+    /// The sums that the packet holds.
     #[inline(always)]
     pub(super) fn load(l: L, packet: &Packet) -> Self {
         Self {
@@ -41,6 +48,7 @@ impl<L: Lanes> Sums<L> {
         }
     }
 
+    /// Writes them back to the packet.
     #[inline(always)]
     pub(super) fn store(&self, l: L, packet: &mut Packet) {
         store(l, &self.light, &mut packet.light);

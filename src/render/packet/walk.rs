@@ -4,7 +4,7 @@
 use super::long::{Long, apart, difference, select};
 use super::rows::{behind, distance, load, store};
 use super::{Ground, Packet};
-use crate::render::lanes::Lanes;
+use crate::lanes::Lanes;
 use crate::render::relief::GROUP_EDGE;
 
 /// The walk from cell to cell; every plane's t is computed anew, so that nothing drifts, and as a
@@ -23,8 +23,10 @@ pub(super) struct Walk<L: Lanes> {
     hi: [L::Float; 3],
     /// The last cell on the way, times its sign.
     last: [L::Float; 3],
+    /// The (dual) cell that rays are in: whole numbers.
     pub(super) cell: [L::Float; 3],
     t: Long<L>,
+    /// t where rays leave the brick.
     pub(super) end: Long<L>,
     /// Where rays are at t, from the cell's lowest corner.
     pub(super) place: [L::Float; 3],
@@ -35,8 +37,9 @@ pub(super) struct Exit<L: Lanes> {
     t: Long<L>,
     /// How long it is.
     pub(super) way: L::Float,
-    /// Along which axis the ray leaves the cell; and whether it leaves the brick before.
+    /// Along which axis the ray leaves the cell: one of the three.
     pub(super) axes: [L::Mask; 3],
+    /// Whether it leaves the brick before it would leave the cell.
     pub(super) at_end: L::Mask,
 }
 
@@ -44,6 +47,7 @@ pub(super) struct Exit<L: Lanes> {
 const LEAST_MOTION: f32 = 1e-30;
 
 impl<L: Lanes> Walk<L> {
+    /// The walk of the packet's rays from where they have come to.
     #[inline(always)]
     pub(super) fn new(l: L, ground: &Ground<'_>, packet: &Packet) -> Self {
         let (zero, one) = (l.splat(0.0), l.splat(1.0));
@@ -163,7 +167,7 @@ impl<L: Lanes> Walk<L> {
         planes
     }
 
-    /// The same, but far off where there is no cell behind.
+    /// t of the three planes ahead, but far off where there is no cell behind the plane.
     #[inline(always)]
     pub(super) fn inner_planes(&self) -> [Long<L>; 3] {
         let l = self.l;
@@ -222,6 +226,7 @@ impl<L: Lanes> Walk<L> {
         inside
     }
 
+    /// Writes t and cell back to the packet.
     #[inline(always)]
     pub(super) fn store(&self, packet: &mut Packet) {
         self.l.store(self.t[0], &mut packet.t[0]);

@@ -46,7 +46,8 @@ impl Batch {
 }
 
 impl Sheet {
-    /// Those of some squares that are to be quartered for their pixels' mean.
+    /// The squares of `found` that are to be quartered for their pixels' mean; the others are taken
+    /// as they are.
     pub(super) fn still_unsure(&mut self, grid: &PixelGrid, found: Vec<Found>) -> Vec<Found> {
         let mut left = Vec::with_capacity(found.len());
         for found in found {
@@ -188,9 +189,9 @@ impl Sheet {
         }
     }
 
-    /// Of quarters in a group without prospect, whose pixels may be off by `median`: those are
-    /// looked into further in which most of what their whole may be off by has stayed, or that may
-    /// do more harm than that, as something small may be there that shines.
+    /// Decides on quarters in a group without prospect, whose pixels may be off by `median`: those
+    /// are looked into further in which most of what their whole may be off by has stayed, or that
+    /// may do more harm than that, as something small may be there that shines.
     pub(super) fn judge_scouts(
         &mut self,
         grid: &PixelGrid,
@@ -221,7 +222,7 @@ impl Sheet {
         }
     }
 
-    /// Of rays that stand for themselves, in quarters of squares.
+    /// Decides on quarters of squares whose rays stand for themselves.
     pub(super) fn judge_quarters(
         &mut self,
         grid: &PixelGrid,

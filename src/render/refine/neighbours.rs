@@ -14,12 +14,13 @@ use crate::render::waiting::Found;
 /// A pixel stands out whose bound is so many times the median of those around it: something may be
 /// in it that is not in these.
 const STANDS_OUT: f64 = 1.5;
-/// Of a pixel that may be off by so many times the light that was expected of all of the picture,
-/// neighbours tell little.
+/// Neighbours tell little of a pixel that may be off by this many times the light that was expected
+/// of all of the picture.
 const UNKNOWN: f64 = 4.0;
 /// Bounds around a pixel, of which fewer have no median to go by.
 const FEWEST_AROUND: usize = 3;
-/// So many times what neighbours have missed in a witness counts beside what they foretell of others.
+/// What neighbours have missed in a witness counts this many times beside what they foretell of
+/// others.
 const DOUBTS: f64 = 2.0;
 /// What a mean is farther from its centre than those of its quarters are, where values bend.
 const OF_QUARTERS: f64 = 0.75;

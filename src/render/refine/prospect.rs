@@ -22,6 +22,7 @@ const LITTLE_OF_LIGHT: f64 = 1e-4;
 /// The pixels that are being refined.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct GroupInHand {
+    /// The group's number.
     pub(super) number: usize,
     /// What those of the last batch might be off by, and what their quarters may.
     pub(super) fallen: [f64; 2],

@@ -28,7 +28,7 @@ pub(super) fn at_faces(
     let region = passage.inside();
     let Region { lo, hi, .. } = region;
     let span = clip(ray, lo, hi);
-    let (spread, _) = spread_of(ray, (&region, span), beam);
+    let spread = spread_of(ray, (&region, span), beam).cells;
     let moved = |faces: [f64; 3], sign: f64| std::array::from_fn(|a| faces[a] + sign * spread[a]);
     let Some(wide) = clip(ray, moved(lo, -1.0), moved(hi, 1.0)) else {
         return [Sums::default(); 2];
@@ -59,7 +59,9 @@ struct Rim {
     seen: f64,
 }
 
-/// The same of one of both, where at most so much light is seen.
+/// What rays of the square may see of a brick and the proxy not, or the other way round, at the one
+/// place where the proxy enters or leaves, if no more than `most_seen` of the light comes through;
+/// and what of that is not linear in their displacement.
 fn at_face(
     passage: &Passage<'_>,
     ray: &LocalRay,

@@ -13,7 +13,8 @@ pub(super) struct Lattice {
 }
 
 impl Lattice {
-    /// Over `pixels`, with blocks aligned to those of the whole tile.
+    /// The lattice over `pixels`, with blocks `apart` pixels wide that are aligned to those of the
+    /// whole tile.
     pub(super) fn over(tile: &PixelRect, pixels: &PixelRect, apart: u32) -> Self {
         let below = |a: usize| (pixels.lo[a] - tile.lo[a]) / apart;
         let first = std::array::from_fn(|a| tile.lo[a] + below(a) * apart);
@@ -21,6 +22,7 @@ impl Lattice {
         Self { first, apart, count }
     }
 
+    /// All blocks by column and row, row by row.
     pub(super) fn blocks(&self) -> impl Iterator<Item = [u32; 2]> + use<> {
         let [columns, rows] = self.count;
         (0..rows).flat_map(move |y| (0..columns).map(move |x| [x, y]))

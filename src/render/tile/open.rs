@@ -6,10 +6,12 @@ use super::super::pixel_order::BLOCK;
 use super::super::rays::{PixelRect, TILE_SIDE};
 use super::Tile;
 
-/// Rays that need more of a brick: how many, and a bound of their transmittances.
+/// Rays that need more of a brick.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Open {
+    /// How many rays.
     pub(super) count: usize,
+    /// A bound of the largest transmittance of any of them.
     pub(super) transmittance: f64,
 }
 
@@ -27,6 +29,7 @@ impl Clearness {
     /// Heap bytes.
     pub(super) const BYTES: usize = TILE_SIDE as usize * size_of::<f64>();
 
+    /// Nothing is known of any strip.
     pub(super) fn new() -> Self {
         Self { strips: Vec::with_capacity(TILE_SIDE as usize), asked: 0 }
     }

@@ -21,20 +21,21 @@ use super::*;
 
 /// Rays from which on proxies are tried.
 const FEWEST: usize = 256;
-/// So many times as far apart proxies are at first as the steepest slopes in the brick allow: along
-/// most rays there are others.
+/// Proxies are at first this many times as far apart as the steepest slopes in the brick allow:
+/// along most rays there are others.
 const OPTIMISM: f64 = 2.0;
-/// And never closer than this, pixels: closer ones take as long as the rays themselves.
+/// Proxies are never closer than this, pixels: closer ones take as long as the rays themselves.
 pub(super) const NEAREST: u32 = 4;
-/// So many times as close are those of the next lattice.
+/// The proxies of the next lattice are this many times as close.
 const FINER: u32 = 4;
-/// And no farther than this, cells: accounts of rays that are more than a cell apart say little.
+/// Proxies are no farther apart than this, cells: accounts of rays that are more than a cell apart
+/// say little.
 const WIDEST: f64 = 0.9;
 /// Rays do not wait longer for what the tile's corners have gathered than until so little comes
 /// through, or until extinction may differ by so much along them.
 const CLEAR: f64 = 0.9;
 const ALIKE: f64 = 0.05;
-/// Proxies are so many pixels apart, at most.
+/// Proxies are at most this many pixels apart.
 const FARTHEST: f64 = TILE_SIDE as f64;
 
 /// What a proxy has gathered, with a transmittance of 1 in front of the brick.
@@ -358,7 +359,7 @@ impl Tile {
 fn beam_of_proxy(frame: &Frame, ray: &LocalRay, half: DVec2) -> Beam {
     let Basis { right, up, .. } = frame.basis;
     let spread = (right.abs() * half.x + up.abs() * half.y) / frame.cell_width;
-    Beam { spread: spread.to_array(), angle: 0.0, ..beam(frame, ray, half, 1.0) }
+    Beam { spread: spread.to_array(), bend: [0.0; 3], angle: 0.0, ..beam(frame, ray, half, 1.0) }
 }
 
 impl Spot {

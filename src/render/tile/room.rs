@@ -23,6 +23,7 @@ impl Spent {
     /// Heap bytes.
     pub(super) const BYTES: usize = SIDE * SIDE * size_of::<f64>();
 
+    /// Nothing is used up.
     pub(super) fn new() -> Self {
         Self { blocks: vec![0.0; SIDE * SIDE] }
     }
@@ -38,12 +39,13 @@ impl Spent {
         PART * (room - self.in_rect(rect).fold(0.0, f64::max)).max(0.0)
     }
 
-    /// The same for those that have most left.
+    /// What those rays in `rect` that have most left, from the tile's first pixel on, may be off by
+    /// in a brick, of `room` in all.
     pub(super) fn left_for_some(&self, rect: &PixelRect, room: f64) -> f64 {
         PART * (room - self.in_rect(rect).fold(room, f64::min)).max(0.0)
     }
 
-    /// Rays in `rect` are off by so much more.
+    /// Notes that rays in `rect` are off by `off` more.
     pub(super) fn add(&mut self, rect: &PixelRect, off: f64) {
         for row in rows(rect) {
             self.blocks[row].iter_mut().for_each(|spent| *spent += off);

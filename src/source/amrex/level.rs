@@ -10,7 +10,7 @@ use super::text::{PrintedBox, numbers, stays_inside};
 use crate::source::lines::{Lines, shown};
 use crate::source::raw::Number;
 use crate::space::IndexBox;
-use crate::{Error, Result};
+use crate::{Error, Result, regular_file};
 
 /// Versions of the file: 1 has a header before each FAB, 2 to 4 describe all numbers at the end.
 const WITH_FAB_HEADERS: i64 = 1;
@@ -42,7 +42,7 @@ pub(super) struct LevelData {
 pub(super) struct Fab {
     /// The file that has them.
     pub(super) path: PathBuf,
-    /// The same, opened.
+    /// That file, opened.
     pub(super) file: File,
     /// Cells, components, numbers and where they begin.
     pub(super) header: FabHeader,
@@ -167,7 +167,7 @@ impl LevelData {
     /// Data that are missing or contradict `Cell_H`.
     pub(super) fn fab(&self, cells: &IndexBox, place: u64) -> Result<Fab> {
         let (path, offset) = self.data_at(place)?;
-        let file = File::open(&path).map_err(|e| Error::io(&path, "cannot open", e))?;
+        let file = regular_file::open(&path).map_err(|e| Error::io(&path, "cannot open", e))?;
         let header = match self.number {
             None => FabHeader::read((&file, &path), offset)?,
             Some(number) => FabHeader {
@@ -216,7 +216,7 @@ impl LevelData {
     /// The line at byte `place` of `Cell_H`.
     fn line_at(&self, place: u64) -> Result<String> {
         let failed = |e| Error::io(&self.path, "cannot read", e);
-        let file = File::open(&self.path).map_err(failed)?;
+        let file = regular_file::open(&self.path).map_err(failed)?;
         let mut bytes = [0; LONGEST_PLACE];
         let read = file.read_at(&mut bytes, place).map_err(failed)?;
         let line = bytes[..read].split(|&byte| byte == b'\n').next().unwrap_or(&[]);
@@ -245,7 +245,7 @@ fn fab_on_disk(text: &str) -> Option<(&str, u64)> {
 /// How numbers are stored, by the last line of the file at `path` that describes it.
 fn number_at_end(path: &Path) -> Result<Number> {
     let failed = |e| Error::io(path, "cannot read", e);
-    let file = File::open(path).map_err(failed)?;
+    let file = regular_file::open(path).map_err(failed)?;
     let length = file.metadata().map_err(failed)?.len();
     let tail = length.min(TAIL);
     let mut bytes = vec![0; tail as usize];

@@ -29,6 +29,7 @@ pub(super) const FORMAT: Format = Format {
     name: "amrex",
     looked_for: "a folder with a `Header` that lists components, dimension, time and levels",
     recognises: |path| header::looks_right(&header_file(path)),
+    has_covered_cells: true,
     open: |path| Ok(Box::new(Plotfile::open(path)?)),
 };
 

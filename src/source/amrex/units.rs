@@ -1,10 +1,10 @@
 //! Units: of the codes that write plotfiles, Quokka (Wibking and Krumholz, *MNRAS* 512, 2022) says
 //! what its are, in `metadata.yaml` beside the `Header`.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+use crate::regular_file;
 use crate::source::SourceField;
 
 /// Bytes of `metadata.yaml` that are looked at.
@@ -35,7 +35,7 @@ impl Units {
     /// is none (`.nan`), as of runs whose constants of nature are 1.
     pub(super) fn read(folder: &Path) -> Option<Self> {
         let mut bytes = Vec::new();
-        let file = File::open(folder.join("metadata.yaml")).ok()?;
+        let file = regular_file::open(folder.join("metadata.yaml")).ok()?;
         file.take(MOST_BYTES).read_to_end(&mut bytes).ok()?;
         Self::parse(&String::from_utf8_lossy(&bytes))
     }
@@ -44,6 +44,7 @@ impl Units {
         let stated = |key: &str| {
             let mut entries = text.lines().filter_map(|line| line.split_once(':'));
             let (_, value) = entries.find(|(name, _)| *name == key)?;
+            let value = value.split('#').next().unwrap_or(value);
             value.trim().parse().ok().filter(|factor: &f64| factor.is_normal() && *factor > 0.0)
         };
         let [mass, length, time] = KEYS.map(stated);
@@ -70,7 +71,7 @@ pub(super) fn describe(name: String, units: Option<Units>) -> SourceField {
 mod tests {
     use super::*;
 
-    const STATED: &str = "c: 1\nunit_length: 4\nunit_mass: 192\nunit_time: 2.0\nk_B: 1\n";
+    const STATED: &str = "c: 1\nunit_length: 4\nunit_mass: 192\nunit_time: 2.0 # s\nk_B: 1\n";
 
     #[test]
     fn variables_have_the_units_that_their_kind_implies() {

@@ -11,7 +11,7 @@ use crate::space::{Decimal, MAX_OCTREE_LEVEL};
 use crate::{Error, Result};
 
 /// Digits that Athena prints of a coordinate (`%e`).
-const PRINTED_DIGITS: i32 = 7;
+pub(super) const PRINTED_DIGITS: i32 = 7;
 /// Bytes of the smallest number that a file can hold.
 const SMALLEST_NUMBER: u64 = 4;
 /// Most bytes of the lines before a variable's values.

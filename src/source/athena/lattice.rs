@@ -1,6 +1,6 @@
 //! The domain and the places of files in it, from coordinates printed with seven digits.
 
-use super::header::{Header, Printed};
+use super::header::{Header, PRINTED_DIGITS, Printed};
 use crate::Result;
 use crate::source::GridRecord;
 use crate::source::lattice::{AXES, LARGEST_DEVIATION, nearest_corner};
@@ -52,7 +52,7 @@ fn extent<'a>(root: &[&'a Header], axis: usize) -> Result<Extent<'a>, String> {
     if cells * spacing.error() > LARGEST_DEVIATION * spacing.value {
         return Err(format!(
             "{cells} cells along {}: too many for the {} digits of SPACING {}",
-            AXES[axis], 7, spacing.value
+            AXES[axis], PRINTED_DIGITS, spacing.value
         ));
     }
     Ok(Extent { left, spacing, cells })

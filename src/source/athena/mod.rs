@@ -15,13 +15,14 @@ use header::Header;
 
 use super::{Format, GridBlock, GridRecord, Hierarchy, Source, SourceField, first_named};
 use crate::space::Levels;
-use crate::{Error, Result};
+use crate::{Error, Result, regular_file};
 
 /// How the reader is listed among the formats.
 pub(super) const FORMAT: Format = Format {
     name: "athena",
     looked_for: "a .vtk file whose title is `… time= …, level= …, domain= …`",
     recognises,
+    has_covered_cells: true,
     open: |path| Ok(Box::new(Output::open(path)?)),
 };
 
@@ -98,7 +99,7 @@ fn common_fields(pieces: &[Piece]) -> Result<Vec<String>> {
 
 impl Piece {
     fn open(&self) -> Result<File> {
-        File::open(&self.path).map_err(|e| Error::io(&self.path, "cannot open", e))
+        regular_file::open(&self.path).map_err(|e| Error::io(&self.path, "cannot open", e))
     }
 }
 

@@ -29,7 +29,7 @@ impl<'f> Attributes<'f> {
     /// Refuses curved coordinates, stretched meshes, and outputs of fewer than three dimensions.
     ///
     /// # Errors
-    /// Such an output, and missing or malformed attributes.
+    /// An output that is refused, and missing or malformed attributes.
     pub(super) fn check_mesh(&self) -> Result<()> {
         let refuse = |reason: String| Err(Error::not_supported(self.path.display(), reason));
         let coordinates = self.value("Coordinates")?.text().unwrap_or("");

@@ -14,8 +14,8 @@ pub(super) const DENSITIES: [&str; 3] = ["rho", "dens", "density"];
 /// One variable.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Variable {
-    /// As the file calls it; where two datasets have a variable of that name, after its dataset's
-    /// name and a point.
+    /// The name that the file gives it; where two datasets have a variable of that name, after its
+    /// dataset's name and a point.
     pub(super) name: String,
     /// Path of the dataset.
     pub(super) dataset: String,

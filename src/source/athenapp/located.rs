@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use crate::{Error, Result};
+use crate::{Error, Result, regular_file};
 
 /// Bytes of an `.xdmf` that are looked at: it names its file in the first block's geometry.
 const MOST_BYTES: u64 = 1 << 16;
@@ -16,7 +16,7 @@ const NAME_END: &str = ".athdf:/";
 /// A file that cannot be read, or an `.xdmf` that names none.
 pub(super) fn data_file(path: &Path) -> Result<PathBuf> {
     let mut bytes = Vec::new();
-    std::fs::File::open(path)
+    regular_file::open(path)
         .and_then(|file| file.take(MOST_BYTES).read_to_end(&mut bytes))
         .map_err(|e| Error::io(path, "cannot read", e))?;
     let text = String::from_utf8_lossy(&bytes);

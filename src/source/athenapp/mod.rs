@@ -27,6 +27,7 @@ pub(super) const FORMAT: Format = Format {
     looked_for: "an HDF5 file with attributes NumMeshBlocks and MeshBlockSize, or the .xdmf that \
                  names one",
     recognises,
+    has_covered_cells: false,
     open: |path| Ok(Box::new(AthenaPp::open(path)?)),
 };
 
@@ -83,10 +84,6 @@ impl Source for AthenaPp {
 
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {
         self.blocks.for_each(&self.file, visit)
-    }
-
-    fn has_covered_cells(&self) -> bool {
-        false
     }
 
     fn data_files(&self) -> Result<Vec<PathBuf>> {

@@ -57,6 +57,7 @@ impl MadeDump {
                 "\nGrid = {id}\nGridRank = 3\nGridStartIndex = 3 3 3\n\
                  GridEndIndex = {} {} {}\nGridLeftEdge = {}\nGridRightEdge = {}\n\
                  BaryonFileName = ./run/DD1.cpu0000\n\
+                 Pointer: Grid[{id}]->NextGridNextLevel = 0\n\
                  Pointer: Grid[{id}]->NextGridThisLevel = {}",
                 end[0],
                 end[1],

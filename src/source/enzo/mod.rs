@@ -31,6 +31,7 @@ pub(super) const FORMAT: Format = Format {
     name: "enzo",
     looked_for: "a parameter file with `TopGridRank = …` and a .hierarchy or .hierarchy.hdf5",
     recognises,
+    has_covered_cells: true,
     open: |path| Ok(Box::new(Enzo::open(path)?)),
 };
 

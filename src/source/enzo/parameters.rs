@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 use crate::source::lines::shown;
 use crate::space::Domain;
-use crate::{Error, Result};
+use crate::{Error, Result, regular_file};
 
 /// Largest parameter file read; real ones have 20 to 60 kB.
 const MOST_BYTES: u64 = 4 << 20;
@@ -35,7 +35,7 @@ pub(super) struct Parameters {
 /// A file that cannot be read or is far larger than any parameter file.
 pub(super) fn read_text(path: &Path) -> Result<String> {
     let mut bytes = Vec::new();
-    std::fs::File::open(path)
+    regular_file::open(path)
         .and_then(|file| file.take(MOST_BYTES + 1).read_to_end(&mut bytes))
         .map_err(|e| Error::io(path, "cannot read the parameter file", e))?;
     if bytes.len() as u64 > MOST_BYTES {

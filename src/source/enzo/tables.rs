@@ -47,6 +47,9 @@ pub(super) fn grid_count(path: &Path, pool: &Pool) -> Result<u64> {
     let file = pool.get(path)?;
     let shape = file.dataset(LOOKUP_TABLE)?.shape;
     let stated = file.attributes("/")?.get("TotalNumberOfGrids").and_then(Values::integers);
+    if let &[grids] = shape.as_slice() {
+        file.check_holds(grids, 1)?;
+    }
     match (shape.as_slice(), stated) {
         (&[grids], Some([stated])) if u64::try_from(stated) != Ok(grids) => Err(Error::invalid(
             path.display(),

@@ -19,9 +19,11 @@ pub(super) fn for_each_grid(
     let mut lines = Lines::open(path)?;
     let mut grid: Option<Draft> = None;
     let (mut largest, mut pointed) = (0, 0);
+    let (mut grids, mut pointers) = (0u64, [0u64; POINTERS.len()]);
     while let Some(line) = lines.next()? {
-        if let Some(target) = pointer(&line) {
+        if let Some((name, target)) = pointer(&line) {
             pointed = pointed.max(target);
+            pointers[name] += 1;
             continue;
         }
         let Some((key, value)) = line.split_once('=') else { continue };
@@ -32,6 +34,7 @@ pub(super) fn for_each_grid(
                 visit(done.finish(path)?)?;
             }
             largest = largest.max(id);
+            grids += 1;
         } else if let Some(grid) = &mut grid {
             grid.take(key, value).ok_or_else(|| malformed(&lines, &line))?;
         }
@@ -43,16 +46,28 @@ pub(super) fn for_each_grid(
         let reason = format!("refers to grid {pointed}, but ends at {largest}: is it truncated?");
         return Err(Error::invalid(path.display(), reason));
     }
+    if let Some((name, count)) = POINTERS.iter().zip(pointers).find(|(_, count)| *count != grids) {
+        let reason =
+            format!("has {grids} grids, but {count} lines `Pointer: … {name}`: is it truncated?");
+        return Err(Error::invalid(path.display(), reason));
+    }
     Ok(())
 }
+
+/// What each grid has one `Pointer:` line of, 0 where there is no such grid. The file ends with one.
+const POINTERS: [&str; 2] = ["NextGridThisLevel", "NextGridNextLevel"];
 
 fn malformed(lines: &Lines, line: &str) -> Error {
     lines.fault(&format!("`{}` is malformed", shown(line.trim())))
 }
 
-/// The grid that a line `Pointer: Grid[1]->NextGridThisLevel = 2` names.
-fn pointer(line: &str) -> Option<u64> {
-    line.strip_prefix("Pointer:")?.rsplit_once('=')?.1.trim().parse().ok()
+/// Of which of [`POINTERS`] a line `Pointer: Grid[1]->NextGridThisLevel = 2` is, and the grid that it
+/// names.
+fn pointer(line: &str) -> Option<(usize, u64)> {
+    let (key, target) = line.strip_prefix("Pointer:")?.rsplit_once('=')?;
+    let name = key.trim().rsplit_once("->")?.1;
+    let name = POINTERS.iter().position(|pointer| *pointer == name)?;
+    Some((name, target.trim().parse().ok()?))
 }
 
 /// A grid whose lines are being read.

@@ -26,6 +26,8 @@ pub(super) const FORMAT: Format = Format {
     name: "flash",
     looked_for: "an HDF5 file with datasets `node type`, `refine level` and `bounding box`",
     recognises,
+    // Parents' averages are in some files, and in others what they held before they were refined.
+    has_covered_cells: false,
     open: |path| Ok(Box::new(Flash::open(path)?)),
 };
 
@@ -79,11 +81,6 @@ impl Source for Flash {
 
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {
         self.tree.for_each_leaf(&self.header, visit)
-    }
-
-    fn has_covered_cells(&self) -> bool {
-        // Parents' averages are in some files, and in others what they held before they were refined.
-        false
     }
 
     fn read(

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 
 pub use pool::Pool;
 
-use crate::{Error, Result};
+use crate::{Error, Result, regular_file};
 
 #[cfg(feature = "libhdf5")]
 type Library = native::Native;
@@ -166,14 +166,14 @@ impl File {
     }
 
     fn open_with<B: Backend + 'static>(path: &Path) -> Result<Self> {
-        std::fs::File::open(path).map_err(|e| Error::io(path, "cannot open", e))?;
+        regular_file::open(path).map_err(|e| Error::io(path, "cannot open", e))?;
         let backend = B::open(path).map_err(|reason| {
             Error::invalid(path.display(), format!("cannot be read as HDF5: {reason}"))
         })?;
         Ok(Self { path: path.to_path_buf(), backend: Box::new(backend) })
     }
 
-    /// As [`Backend::cached_bytes`] has it.
+    /// How many bytes of decoded values the file may keep at most: [`Backend::cached_bytes`].
     fn cached_bytes(&self) -> usize {
         self.backend.cached_bytes()
     }
@@ -182,7 +182,7 @@ impl File {
     /// lists that long must not be walked, as datasets without data read as endless zeros.
     ///
     /// # Errors
-    /// Such a file, or one whose size cannot be read.
+    /// A file that is too short, or one whose size cannot be read.
     pub fn check_holds(&self, count: u64, cells: u128) -> Result<()> {
         let bytes = std::fs::metadata(&self.path)
             .map_err(|e| Error::io(&self.path, "cannot read the size", e))?
@@ -291,7 +291,7 @@ impl File {
     /// [`Self::read_f64`] for integers, kept exact; those beyond i64 are held at its limit.
     ///
     /// # Errors
-    /// As [`Self::read_f64`], and elements that are not integers.
+    /// What [`Self::read_f64`] refuses, and elements that are not integers.
     pub fn read_i64(
         &self,
         path: &str,
@@ -334,7 +334,7 @@ impl File {
 pub fn is_hdf5(path: &Path) -> bool {
     const SIGNATURE: &[u8; 8] = b"\x89HDF\r\n\x1a\n";
     let mut start = [0; 8];
-    let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut start));
+    let read = regular_file::open(path).and_then(|mut file| file.read_exact(&mut start));
     read.is_ok() && start == *SIGNATURE
 }
 

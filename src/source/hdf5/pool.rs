@@ -41,7 +41,7 @@ impl Pool {
     /// The file at `path`, opened if it is not open.
     ///
     /// # Errors
-    /// As [`File::open`].
+    /// What [`File::open`] refuses.
     pub fn get(&self, path: &Path) -> Result<Arc<File>> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         state.uses += 1;

@@ -27,7 +27,8 @@ const HEADER_BYTES: usize = 1 << 20;
 pub(super) struct Pure {
     path: PathBuf,
     file: Hdf5File,
-    /// The same with room for more chunks, once it is needed: whole datasets may be one.
+    /// The same file with room for more decoded chunks, opened once it is needed: a whole dataset
+    /// may be one chunk.
     roomy: OnceLock<Hdf5File>,
 }
 

@@ -7,8 +7,11 @@ use super::Element;
 
 /// A number that a file may hold.
 pub(super) trait Number: H5Type {
+    /// What kind of element it is.
     const ELEMENT: Element;
+    /// The number as f64, rounded where it has more than 53 bits.
     fn to_f64(self) -> f64;
+    /// The number as i64; beyond its limits the nearer of them.
     fn to_i64(self) -> i64;
 }
 

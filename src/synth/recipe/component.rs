@@ -117,30 +117,50 @@ fn unstretched() -> [f64; 3] {
 }
 
 impl Component {
-    /// Refuses what makes no finite density.
+    /// Refuses numbers of which no density can be made.
     pub(super) fn validate(&self) -> Result<()> {
-        let positive: &[(&str, f64)] = &match self {
-            Self::Constant { .. } | Self::Gradient { .. } | Self::Grain { .. } => vec![],
-            Self::Core { radius, stretch, .. } => {
-                let mut lengths = vec![("core.radius", *radius)];
+        let (lengths, others) = self.numbers();
+        for (name, length) in lengths {
+            if !(length.is_finite() && length > 0.0) {
+                let reason = format!("density: {name} is {length}: it must be positive");
+                return Err(Error::request(reason));
+            }
+        }
+        if let Some(other) = others.into_iter().find(|number| !number.is_finite()) {
+            return Err(Error::request(format!("density: {other} is no number that fits")));
+        }
+        match self {
+            Self::Turbulence { octaves, .. } if *octaves > 32 => {
+                Err(Error::request("density: turbulence.octaves: at most 32"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Numbers that must be positive, with their names, and those that must be finite.
+    fn numbers(&self) -> (Vec<(&'static str, f64)>, Vec<f64>) {
+        match *self {
+            Self::Constant { value } => (vec![], vec![value]),
+            Self::Gradient { value, slope: [x, y, z] } => (vec![], vec![value, x, y, z]),
+            Self::Grain { amplitude } => (vec![], vec![amplitude]),
+            Self::Core { radius, stretch, peak, slope, spiral, texture, .. } => {
+                let mut lengths = vec![("core.radius", radius)];
                 lengths.extend(stretch.map(|s| ("core.stretch", s)));
-                lengths
+                let mut others = vec![peak, slope];
+                others.extend(spiral.iter().flat_map(|s| [s.pitch, s.amplitude]));
+                others.extend(texture.iter().flat_map(|t| [t.frequency, t.amplitude]));
+                (lengths, others)
             }
-            Self::PowerLaw { inner, .. } => vec![("power_law.inner", *inner)],
-            Self::Gaussian { sigma, .. } => vec![("gaussian.sigma", *sigma)],
-            Self::Filament { radius, .. } => vec![("filament.radius", *radius)],
-            Self::Turbulence { scale, .. } => vec![("turbulence.scale", *scale)],
-        };
-        match positive.iter().find(|(_, length)| !(length.is_finite() && *length > 0.0)) {
-            Some((name, length)) => {
-                Err(Error::request(format!("density: {name} is {length}: it must be positive")))
+            Self::PowerLaw { inner, value, slope, .. } => {
+                (vec![("power_law.inner", inner)], vec![value, slope])
             }
-            None => match self {
-                Self::Turbulence { octaves, .. } if *octaves > 32 => {
-                    Err(Error::request("density: turbulence.octaves: at most 32"))
-                }
-                _ => Ok(()),
-            },
+            Self::Gaussian { sigma, peak, .. } => (vec![("gaussian.sigma", sigma)], vec![peak]),
+            Self::Filament { radius, peak, slope, .. } => {
+                (vec![("filament.radius", radius)], vec![peak, slope])
+            }
+            Self::Turbulence { scale, amplitude, persistence, .. } => {
+                (vec![("turbulence.scale", scale)], vec![amplitude, persistence])
+            }
         }
     }
 }
