@@ -563,16 +563,22 @@ fn areas_around_the_axis_are_within_their_bound() {
     let constant = Subject::constant(1.0);
     let along_z =
         Subject::new("[[density]]\nkind = \"gradient\"\nvalue = 0.2\nslope = [0.0, 0.0, 1.0]\n");
-    let emits = "color = [[0.0, 1.0, 0.5, 0.2]]\nrange = [0.0, 1.25]\nemission = [[0.0, 0.0], [1.0, 1.0]]\n";
+    let emits = "color = [[0.0, 1.0, 0.5, 0.2]]\nscale = \"linear\"\nrange = [0.0, 1.25]\n\
+                 emission = [[0.0, 0.0], [1.0, 1.0]]\n";
     let clear = format!("{emits}absorption = [[0.0, 0.0]]\n");
     let dims = format!("{emits}absorption = [[0.0, 0.0], [1.0, 3.0]]\n");
+    // The last one is so near that pixels are smaller than cells.
+    let eyes = [
+        ([0.5, 0.5, -1.0], 15.0),
+        ([0.5; 3], 60.0),
+        ([0.3, 0.5, -9.0], 0.7),
+        ([0.5, 0.5, 0.92], 15.0),
+    ];
     let (mut certified, mut pictures) = (0, 0);
     for (subject, volume) in [(&constant, &clear), (&constant, &dims), (&along_z, &dims)] {
-        for (position, fov) in
-            [([0.5, 0.5, -1.0], 15.0), ([0.5, 0.5, 0.5], 60.0), ([0.3, 0.5, -9.0], 0.7)]
-        {
+        for (position, fov) in eyes {
             for (size, linear) in [(1, true), (3, false), (3, true), (4, true)] {
-                let look_at = [0.5, 0.5, 0.9];
+                let look_at = [0.5, 0.5, 1.0];
                 let view = View { position, look_at, perspective: true, linear, ..View::default() };
                 let scene = view.scene(volume).replace("fov = 60.0", &format!("fov = {fov}"));
                 let [wide, high] = ["width", "height"].map(|side| format!("{side} = {PIXELS}"));
@@ -597,5 +603,5 @@ fn areas_around_the_axis_are_within_their_bound() {
             }
         }
     }
-    assert!(2 * certified > pictures, "{certified} of {pictures} pictures are certified");
+    assert!(5 * certified > 2 * pictures, "{certified} of {pictures} pictures are certified");
 }
