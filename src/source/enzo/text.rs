@@ -46,7 +46,7 @@ pub(super) fn for_each_grid(
         let reason = format!("refers to grid {pointed}, but ends at {largest}: is it truncated?");
         return Err(Error::invalid(path.display(), reason));
     }
-    if let Some((name, count)) = POINTERS.iter().zip(pointers).find(|(_, count)| *count != grids) {
+    if let Some((name, count)) = POINTERS.iter().zip(pointers).find(|(_, count)| *count < grids) {
         let reason =
             format!("has {grids} grids, but {count} lines `Pointer: … {name}`: is it truncated?");
         return Err(Error::invalid(path.display(), reason));
