@@ -150,11 +150,15 @@ fn partial_path(target: &Path) -> Result<PathBuf> {
     Ok(target.with_file_name(partial))
 }
 
-fn lock(file: &File, target: &Path) -> Result<()> {
+/// Locks `file`, a file or folder under the temporary name of what is to be at `target`.
+///
+/// # Errors
+/// Another process that holds the lock, and what the system refuses.
+pub(crate) fn lock(file: &File, target: &Path) -> Result<()> {
     match file.try_lock() {
         Ok(()) => Ok(()),
         Err(TryLockError::WouldBlock) => Err(Error::request(format!(
-            "{}: another process is writing this file; wait for it or name another",
+            "{}: another process is writing it; wait for it or name another",
             target.display()
         ))),
         // Without locks there is no protection from a second writer, but writing still works.

@@ -337,3 +337,28 @@ fn values_beyond_f32_keep_their_scale() {
     assert!(number(&facts, "max") > 1e45);
     assert!(set.pixels(&cache, "").iter().any(|pixel| pixel[3] > 0.0));
 }
+
+#[test]
+fn info_counts_the_cells_that_an_output_has() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets_synthetic/flash10.toml");
+    for (format, has_covered_cells) in
+        [("enzo", true), ("amrex", true), ("athena++", false), ("flash", false)]
+    {
+        let target = folder.path().join(format);
+        let made = run(&[&"synth", &recipe, &"-o", &target, &"--format", &format]).done();
+        let facts = info(Path::new(made.split(": ").next().unwrap()));
+        let sum = |key: &str| {
+            let levels = facts["levels"].as_array().unwrap().iter();
+            let levels = levels.filter(|level| !level["level"].is_null());
+            levels.map(|level| level[key].as_u64().unwrap()).sum::<u64>()
+        };
+        let (cells, leaves) = (sum("cells"), sum("leaf_cells"));
+        assert_eq!(
+            (facts["cells"].as_u64(), facts["leaf_cells"].as_u64()),
+            (Some(cells), Some(leaves))
+        );
+        assert_eq!(cells > leaves, has_covered_cells, "{format}: {facts}");
+        assert!(cells >= leaves);
+    }
+}

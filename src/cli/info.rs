@@ -71,9 +71,12 @@ fn survey(source: &dyn Source) -> Result<Header> {
 fn facts(header: &Header, path: &Path, kind: &Value) -> Value {
     let levels = || header.levels.iter();
     let simulated = || levels().filter(|level| level.simulation.is_some());
-    // Cells that are there as averages alone are none of the simulation's.
+    // Of codes that write leaf cells alone, refined cells of their levels are averages of our own.
     let has_covered = source::has_covered_cells(&header.source_format);
-    let own_cells = |level: &TreeLevel| if has_covered { level.cells } else { level.leaf_cells };
+    let own_cells = |level: &TreeLevel| {
+        let all = has_covered || level.simulation.is_none();
+        if all { level.cells } else { level.leaf_cells }
+    };
     let mut facts = json!({
         "path": path.display().to_string(),
         "kind": kind,

@@ -146,7 +146,8 @@ fn all_cores() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }
 
-/// What options say in place of the scene's `[render]` table, line by line as it would stand there.
+/// What options say in place of the scene's `[render]` table, line by line as it would stand there, were
+/// `fixed` one of its keys.
 fn overrides(arguments: &Arguments) -> String {
     let samples = arguments.samples.map(|samples| match samples {
         Samples::Grid(rays) => format!("samples = {rays}\n"),

@@ -341,7 +341,7 @@ fn cross_face(
         return end;
     }
     let slant = way / distance;
-    if slant.is_nan() || slant > MOST_SLANT {
+    if !(0.0..=MOST_SLANT).contains(&slant) {
         return DomainEnd::Edge;
     }
     let bend = 0.25 * beam.angle * beam.angle + slant * slant / (3.0 * (1.0 - slant));

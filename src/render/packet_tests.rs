@@ -233,7 +233,7 @@ proptest! {
         setting.passage.hides = hides;
         let beam = Beam {
             spread: [width.unwrap_or(0.0); 3],
-            bend: [0.0; 3],
+            bend: [0.1 * width.unwrap_or(0.0); 3],
             angle: 1e-3,
             advance: [WIDTH; 3],
             depth: 1.0,

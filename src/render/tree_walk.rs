@@ -57,11 +57,6 @@ pub(super) struct Scenery<'r> {
     pub(super) rounds: bool,
 }
 
-/// What a brick read in fewer digits may be off by as the index tells, as a part of what a cut lets it
-/// be off by. That is by the steepest slope over all of its values, and for the longest way: what rays
-/// make of it is far less. With three times as much, tiles are drawn again because of it.
-const ROUNDED_SHARE: f64 = 1.0;
-
 /// One piece to draw: a brick, or one octant of it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Step {
@@ -370,16 +365,18 @@ impl Scenery<'_> {
     }
 
     /// How many digits of a brick's values are read: by what these may make of a ray's light, whatever
-    /// lies in front, so that all tiles with the same cut read the same.
+    /// lies in front, so that all tiles with the same cut read the same. The index tells that by the
+    /// steepest slope over all of the brick's values, and for the longest way; rays make far less of it.
+    /// Still, with three times the limit tiles are drawn again because of it.
     fn precision(&self, field: &FieldRecord, seen: &Seen, cut: &Cut) -> Precision {
         let fewer = [Precision::Short, Precision::Medium].into_iter();
         let mut fewer = fewer.filter(|precision| self.rounds && field.error(*precision) > 0.0);
         let found = match cut {
             Cut::FullDepth => None,
             Cut::Footprint(cut) => fewer.find(|precision| *precision >= cut.precision()),
-            Cut::Error(cut) => fewer.find(|precision| {
-                self.read_error(field, *precision, seen, cut) <= ROUNDED_SHARE * cut.limit
-            }),
+            Cut::Error(cut) => {
+                fewer.find(|precision| self.read_error(field, *precision, seen, cut) <= cut.limit)
+            }
         };
         found.unwrap_or(Precision::Full)
     }

@@ -1,8 +1,9 @@
 //! A folder that appears whole or not at all.
 
-use std::fs::{self, File, TryLockError};
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
+use crate::atomic_file::lock;
 use crate::leftovers::Leftover;
 use crate::{Error, Result};
 
@@ -34,12 +35,12 @@ impl OutputFolder {
         let partial = directory.join(format!(".{name}.partial"));
         if partial.exists() {
             // What a killed run left.
-            let _lock = lock(&partial, &target)?;
+            let _lock = locked(&partial, &target)?;
             remove_folder(&partial)?;
         }
         fs::create_dir(&partial).map_err(|e| Error::io(&partial, "cannot make this folder", e))?;
         let leftover = Leftover::new(&partial);
-        let lock = lock(&partial, &target)?;
+        let lock = locked(&partial, &target)?;
         Ok(Self { partial, target, finished: false, _lock: lock, _leftover: leftover })
     }
 
@@ -100,21 +101,11 @@ impl Drop for OutputFolder {
     }
 }
 
-/// The folder, locked for this process.
-fn lock(partial: &Path, target: &Path) -> Result<File> {
-    let failed = |error| Error::io(partial, "cannot lock this folder", error);
-    let folder = File::open(partial).map_err(failed)?;
-    match folder.try_lock() {
-        Err(TryLockError::WouldBlock) => Err(Error::request(format!(
-            "{}: another process is writing this folder; wait for it or name another",
-            target.display()
-        ))),
-        // Without locks there is no protection from a second writer, but writing still works.
-        Err(TryLockError::Error(error)) if error.kind() != std::io::ErrorKind::Unsupported => {
-            Err(failed(error))
-        }
-        _ => Ok(folder),
-    }
+/// The folder at `partial`, locked for this process until it is dropped.
+fn locked(partial: &Path, target: &Path) -> Result<File> {
+    let folder = File::open(partial).map_err(|e| Error::io(partial, "cannot open", e))?;
+    lock(&folder, target)?;
+    Ok(folder)
 }
 
 fn rename(from: &Path, to: &Path) -> Result<()> {
@@ -145,4 +136,25 @@ fn refuse_foreign(target: &Path, marked: &str) -> Result<()> {
         "{}: exists and holds something else than a synthetic data set: choose another folder",
         target.display()
     )))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_being_written_is_left_alone() {
+        let directory = tempfile::tempdir().unwrap();
+        let create = || OutputFolder::create(directory.path(), "DD0000", "DD0000");
+        let first = create().unwrap();
+        first.write_text("DD0000", MARK).unwrap();
+        let refused = create().err().unwrap().to_string();
+        assert!(refused.contains("DD0000: another process is writing it"), "{refused}");
+        let target = first.finish().unwrap();
+        assert_eq!(fs::read_to_string(target.join("DD0000")).unwrap(), MARK);
+        // What a killed run left is not locked.
+        fs::create_dir(directory.path().join(".DD0000.partial")).unwrap();
+        drop(create().unwrap());
+        assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 1);
+    }
 }

@@ -218,3 +218,21 @@ fn formats_are_told_by_content_and_named_where_none_fits() {
     let error = crate::source::open(&dump.path(), Some("tiff")).err().unwrap().to_string();
     assert!(error.contains("`tiff` is not known: there are") && error.contains("enzo"), "{error}");
 }
+
+#[test]
+fn a_table_longer_than_its_file_can_hold_is_refused() {
+    let dump = MadeDump::new();
+    dump.write();
+    dump.write_tables();
+    let path = dump.path().with_extension("hierarchy.hdf5");
+    let sound = std::fs::read(&path).unwrap();
+    // One of the threes is the table's length.
+    let threes = sound.windows(8).enumerate().filter(|(_, eight)| *eight == 3u64.to_le_bytes());
+    let refused = threes.map(|(at, _)| {
+        let mut bytes = sound.clone();
+        bytes[at..at + 8].copy_from_slice(&(1u64 << 50).to_le_bytes());
+        std::fs::write(&path, bytes).unwrap();
+        dump.read().err().is_some_and(|error| error.to_string().contains("cannot hold"))
+    });
+    assert_eq!(refused.filter(|refused| *refused).count(), 1);
+}
