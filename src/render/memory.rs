@@ -1,21 +1,21 @@
 //! The memory plan of a picture: what everything takes, and how many bricks the rest holds.
 
-use super::RenderOptions;
-use super::film::Film;
-use super::load::{BrickLoader, BrickScratch};
-use super::rays::PixelGrid;
-use super::refine::Sheet;
-use super::scaled::ScaledBrick;
-use super::studio::TILE_BYTES;
-use super::thin::Thinner;
-use super::tile::Tile;
 use crate::cache::{BrickShape, Cache, Cursor, WINDOW_BYTES};
 use crate::paging::{Budget, Counters, MEBIBYTE, Pool, Reservation};
+use crate::render::RenderOptions;
+use crate::render::brick::load::{BrickLoader, BrickScratch};
+use crate::render::brick::scaled::ScaledBrick;
+use crate::render::brick::thin::Thinner;
+use crate::render::camera::rays::PixelGrid;
+use crate::render::film::Film;
+use crate::render::studio::TILE_BYTES;
+use crate::render::tiles::refine::Sheet;
+use crate::render::tiles::tile::Tile;
 use crate::scene::Interpolation;
 use crate::{Error, Result};
 
 /// Stack of every thread, bytes; `STACK_TOUCHED` of it at most become resident.
-pub(super) const STACK_BYTES: usize = 2 << 20;
+pub(crate) const STACK_BYTES: usize = 2 << 20;
 /// What a thread uses of its stack, and its allocator's own, bytes.
 const STACK_TOUCHED: u64 = 256 << 10;
 /// Most reader threads: more do not decompress faster than the marching threads consume.
@@ -39,7 +39,7 @@ const MOST_THINNED: u64 = 512;
 /// How a picture divides its memory limit. The fewest bytes depend on picture, cache and threads
 /// only, never on the limit.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct MemoryPlan {
+pub(crate) struct MemoryPlan {
     /// Threads that read ahead.
     pub readers: usize,
     /// Index windows that may be mapped at a time.
@@ -91,7 +91,7 @@ impl MemoryPlan {
     ///
     /// # Errors
     /// A limit that is too small: the message names the smallest that works, in MiB.
-    pub(super) fn new(
+    pub(crate) fn new(
         (cache, interpolation): (&Cache, Interpolation),
         pixels: &PixelGrid,
         threads: usize,
@@ -168,7 +168,7 @@ impl MemoryPlan {
     ///
     /// # Errors
     /// A budget in which something else has been reserved already.
-    pub(super) fn reserve(&self, budget: &Budget) -> Result<Vec<Reservation>> {
+    pub(crate) fn reserve(&self, budget: &Budget) -> Result<Vec<Reservation>> {
         self.parts.iter().map(|(what, bytes)| budget.reserve(what, *bytes)).collect()
     }
 }

@@ -1,114 +1,51 @@
 //! Rendering: the tree of bricks is walked front to back for each tile of the picture, bricks
 //! stream through a pool of fixed size, and rays gather light in them.
 //!
-//! [`render`] is the way in. A picture is planned first: `memory.rs` divides the limit, [`cut`]
-//! says where the descent ends, and one walk of the index (`tree_walk.rs`) counts what the picture
-//! will need (`census.rs`). Then `picture.rs` draws tiles: each walks the tree for its rays
-//! (`rays.rs`, `tile.rs`), a few steps ahead of the march so that bricks can be read ahead
-//! (`load.rs`). [`view`] and `frame.rs` hold the exact camera, `march.rs` a ray's way through a
-//! brick.
+//! [`render`] is the way in. `memory.rs` divides the limit, and `studio.rs` makes one picture: from
+//! the scene's tolerance follows what its pixels may be off by, and one walk of the index counts
+//! what it will need. `picture.rs` holds the threads that draw its tiles: each walks the tree for
+//! its rays, a few steps ahead of the march, so that bricks can be read ahead.
+//!
+//! - `camera`: exact positions, a brick's view of the camera, pixels and rays.
+//! - `transfer`: from values to light.
+//! - `brick`: bricks as rays march through them.
+//! - `bounds`: what rays may be off by.
+//! - `march`: rays through bricks.
+//! - `plan`: the cut, and the walk of the tree.
+//! - `tiles`: rays that walk the tree together, and which rays pixels need.
 
-mod absorb;
-mod axis;
-mod blend;
-mod blocks;
-#[cfg(test)]
-mod cell_packet_tests;
-mod cell_shades;
-mod census;
-mod crossing;
-pub mod cut;
-mod effort;
-mod fill;
+mod bounds;
+mod brick;
+mod camera;
 mod film;
-mod frame;
-mod goal;
-mod grade;
-mod halves;
-pub mod interpolant;
-#[cfg(test)]
-mod interpolant_tests;
-mod ledger;
-#[cfg(test)]
-mod ledger_tests;
-mod load;
 mod march;
-mod march_cell;
-mod march_linear;
-mod march_packets;
-#[cfg(test)]
-mod march_tests;
-mod margin;
-#[cfg(test)]
-mod margin_tests;
 pub(crate) mod memory;
-mod packet;
-#[cfg(test)]
-mod packet_tests;
 mod picture;
-mod piece;
-mod pixel;
-mod pixel_order;
-mod polynomial;
-mod preload;
+mod plan;
 mod probe;
-mod ranges;
-mod ray_error;
-mod ray_state;
-mod rays;
-mod refine;
-mod relief;
-mod rounded;
-mod run_tree;
-pub mod scaled;
-#[cfg(test)]
-mod scaled_tests;
-mod shading;
-mod span;
 pub mod stats;
-mod steepness;
-mod storage;
-#[cfg(test)]
-mod stress_tests;
-mod stretch;
 mod studio;
 #[cfg(test)]
-mod test_data;
-#[cfg(test)]
-mod test_exact_light;
-#[cfg(test)]
-mod test_fixed;
-#[cfg(test)]
-mod test_scene;
-#[cfg(test)]
-mod test_tree;
-mod thin;
-mod tile;
-mod touch;
-mod transfer_pieces;
-mod transfer_table;
-mod tree_walk;
-mod turns;
-pub mod view;
-#[cfg(test)]
-mod view_tests;
-mod waiting;
-mod walk;
-mod windows;
+mod testing;
+mod tiles;
+mod transfer;
 
 use std::time::Instant;
 
+use self::brick::load::BrickLoader;
+pub use self::brick::{interpolant, scaled};
+use self::camera::rays::PixelGrid;
+pub use self::camera::view;
+use self::camera::view::View;
 pub use self::film::Film;
-use self::load::BrickLoader;
 pub use self::memory::MOST_WRITERS;
 use self::memory::MemoryPlan;
+pub use self::plan::cut;
 pub use self::probe::{Found, Probe};
-use self::rays::PixelGrid;
-use self::shading::Shading;
 use self::stats::Stats;
 use self::studio::Studio;
-use self::transfer_pieces::TransferPieces;
-use self::view::View;
+use self::transfer::pieces::TransferPieces;
+use self::transfer::shading::Shading;
 use crate::cache::Cache;
 use crate::paging::{Budget, Counters, Pool, peak_rss_bytes};
 use crate::scene::{Samples, Scene, Tolerance};
@@ -184,7 +121,7 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     let loader = BrickLoader { cache, shading: &shading, accounts };
     let pool = Pool::new(plan.slots, loader, &counters);
     let load_seconds = if options.resident {
-        preload::load_all(cache, &pool, shading.field, threads)?.as_secs_f64()
+        brick::preload::load_all(cache, &pool, shading.field, threads)?.as_secs_f64()
     } else {
         0.0
     };

@@ -4,8 +4,8 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 
-use super::interpolant::DrawnNeighbours;
-use super::scaled::{ScaledBrick, one_by_one};
+use super::brick::interpolant::DrawnNeighbours;
+use super::brick::scaled::{ScaledBrick, one_by_one};
 use crate::cache::{
     BrickPlace, Cache, Cursor, Decoder, FieldRecord, NodeRecord, Precision, RawBrick, state,
 };

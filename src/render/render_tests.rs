@@ -3,8 +3,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use tempfile::TempDir;
 
-use super::test_scene::scene;
-use super::test_tree::tree;
+use super::testing::scene::scene;
+use super::testing::tree::tree;
 use super::*;
 
 const MEBIBYTE: u64 = 1 << 20;

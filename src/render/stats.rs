@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::census::Census;
-use super::ray_error::ErrorShares;
+use super::bounds::ray_error::ErrorShares;
+use super::plan::census::Census;
 use crate::cache::{Header, TreeLevel};
 use crate::paging::Counters;
 

@@ -1,0 +1,375 @@
+//! What the march of packets may be off by in each group of a brick's cells, and which groups are
+//! fit for it at all.
+//!
+//! A way through a cell is cut into equal parts. About the middle of one x is a cubic,
+//! m + aσ + e·(σ² − ¼) + o·(σ³ − σ/4) for σ from −½ to ½, and covers a range of at most w ≥ |a|.
+//! Two nodes integrate exactly what is linear in x. Let the emission be a quadratic of half second
+//! derivative c, but for steps K of its slope and C of c, and a deviation d. Of c·x² what is odd
+//! in σ vanishes in integral and rule alike, and what is left is off by
+//! c·(a·o/90 + e²/180 + 0.0011·o²). For the steps let x be δ from the straight line through the
+//! nodes, which covers a range of r: δ = e·(σ² − 1/12) + o·(σ³ − σ/12) is at most D = e/6 + o/12,
+//! and nothing at the nodes, so that the rule sees the line alone. Of a step anywhere along that it
+//! is off by at most 0.0225·r·K + 0.0055·r²·C (found by trying all places). To the integral δ adds
+//! what it makes behind the step, K times its own integral from there to the end, at most
+//! 0.0161·e + 0.007·o, and C times that of 2(x − step)·δ, at most r·(0.0105·e + 0.0112·o), with
+//! D²·C; and where x lies on the other side than the line does, K·D·min(1, D/r) at most. All that is
+//! never more than the distance from the chord, w·K/4 + w²·C/4. So much is added, and 2d. Where
+//! light is absorbed over the part, by a depth τ at most, what cancels does so to τ:
+//! τ·(w·K/4 + w²·C/4 + 0.0112·c·w·e) is added, and for what is linear in x, times the slope,
+//! τ·(o/180 + τ·e/360). Where weights of levels make a fourth power of x, its coefficient's 180th
+//! times the slope is. In front of a node, the optical depth is off where extinction is not linear
+//! between nodes; and emission times transmittance is no polynomial: a fourth derivative f⁗ makes
+//! f⁗/4320.
+//!
+//! All that a packet works out by itself, from values that it meets (`render/march/packet/bends.rs`),
+//! and cuts a way into parts until it is little. What it cannot change is worked out here: the
+//! table's own deviation, and what rounding to f32 does to x and to light.
+
+mod kept;
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+pub(crate) use self::kept::KeptRates;
+
+use self::kept::Key;
+use super::ray_error::Change;
+use super::relief::{Group, Relief};
+use crate::render::march::packet::{DEEPEST, UNFIT};
+use crate::render::transfer::pieces::TransferPieces;
+use crate::render::transfer::rounded::{two_halves, up};
+use crate::render::transfer::span::Smoothness;
+use crate::render::transfer::table::TransferTable;
+
+/// How rays are marched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd)]
+pub(crate) enum Care {
+    /// In packets.
+    Rough,
+    /// In packets that allow a cell less, or far less.
+    Fine,
+    Finest,
+    /// One by one.
+    Exact,
+}
+
+impl Care {
+    /// The next better one.
+    pub(crate) fn more(self) -> Self {
+        match self {
+            Self::Rough => Self::Fine,
+            Self::Fine => Self::Finest,
+            Self::Finest | Self::Exact => Self::Exact,
+        }
+    }
+
+    /// Parts that the way through a cell is cut into, at most.
+    pub(super) fn parts(self) -> u32 {
+        if self == Self::Rough { 16 } else { 64 }
+    }
+
+    /// What a single cell may be off by, as a part of what a ray may be.
+    pub(super) fn share_of_cell(self) -> f64 {
+        match self {
+            Self::Rough => 1.0 / 8.0,
+            Self::Fine => 1.0 / 64.0,
+            Self::Finest | Self::Exact => 1.0 / 4096.0,
+        }
+    }
+}
+
+/// Rounding of places in a brick, cells, and of what follows from them, relative. Where rays come
+/// into a cell is known as a sum of two f32 (`render/march/packet/walk.rs`); from there on, of what they
+/// pass in it, rounding of its length, of their direction, and of the sum make 2⁻²⁴ at most each.
+const PLACE_ROUNDING: f64 = 3e-7;
+const VALUE_ROUNDING: f64 = 3.6e-7;
+const LIGHT_ROUNDING: f64 = 4e-6;
+/// What is lost below the smallest f32, of values relative to the table's.
+const UNDERFLOW: f64 = f32::MIN_POSITIVE as f64;
+/// Groups are fit that are off by no more than this many times as much as all might be.
+const FITTING: f64 = 16.0;
+/// What is little against emission and extinction.
+const LITTLE: f64 = 0.01;
+/// Cells that a ray may pass at one level, about: what a cell may be off by is this share of what
+/// a ray may be.
+const CELLS_OF_LEVEL: f64 = 512.0;
+
+/// What packets march by, for a picture.
+#[derive(Debug)]
+pub(crate) struct PacketTransfer {
+    /// No other has this one.
+    number: u64,
+    /// The transfer function as packets look it up.
+    pub(crate) table: TransferTable,
+    /// What its bends are bounded by.
+    pub(super) close: TransferPieces,
+    /// What the march may be off by along a ray, in the picture's own unit; where that is not
+    /// known, little against what a group emits and absorbs.
+    pub(crate) allowed: Option<f64>,
+    /// The domain's diagonal, code length.
+    pub(super) longest: f64,
+    /// Light that is expected from behind.
+    pub(super) behind: f64,
+}
+
+impl PacketTransfer {
+    /// What packets march by: a table and what its bends are bounded by, for light that may be off
+    /// by `allowed` along a ray, with so much light expected from `behind`, in a domain through
+    /// which the longest way is `longest`, code length.
+    pub(crate) fn new(
+        (table, close): (TransferTable, TransferPieces),
+        (allowed, behind): (Option<f64>, f64),
+        longest: f64,
+    ) -> Self {
+        Self { number: next_number(), table, close, allowed, longest, behind }
+    }
+
+    /// Takes another goal: what the march may be off by along a ray, in the picture's own unit, and
+    /// the light that is expected from behind.
+    pub(crate) fn aim(&mut self, allowed: f64, behind: f64) {
+        (self.number, self.allowed, self.behind) = (next_number(), Some(allowed), behind);
+    }
+
+    /// Emission, relative to the table's, that weighs as much as the table's largest extinction.
+    pub(crate) fn darkening(&self) -> f32 {
+        let light = self.table.extinction * self.behind.max(1.0) / self.table.emission;
+        light.min(f64::from(f32::MAX)) as f32
+    }
+}
+
+/// Rates that are kept with bricks are known by it; nothing else depends on it.
+fn next_number() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    NEXT.fetch_add(1, Ordering::Relaxed)
+}
+
+/// The groups of a brick, as packets see them. Its memory is reused from brick to brick.
+#[derive(Debug, Default)]
+pub(crate) struct Grades {
+    /// What each group may be off by: `packet::Ground::rates`.
+    pub(crate) rates: Vec<u32>,
+    /// What levels beneath make each group be off by: `packet::Ground::levels`.
+    pub(crate) levels: Vec<u32>,
+    /// All that is known of each group: `packet::Ground::rows`.
+    pub(crate) rows: Vec<[f32; 8]>,
+    /// Whether rows have what [`Self::look_around`] finds.
+    has_near: bool,
+    /// Slopes and ranges of each group: `packet::Ground::reliefs`.
+    pub(crate) reliefs: Vec<[f32; 8]>,
+    /// How far kinks are looked for: `packet::Ground::reach`; set only where rays stand
+    /// for squares.
+    pub(crate) reach: f32,
+    /// Whether rays of squares wider than a cell may go through.
+    pub(crate) is_fit_for_wide: bool,
+    /// Parts that the way through a cell is cut into, at most.
+    pub(crate) parts: u32,
+    /// What a single cell may be off by ([`Care::share_of_cell`]); 1 where cells are constant.
+    pub(crate) share: f64,
+    /// The most that stored values make of x: `packet::Ground::storage`.
+    pub(crate) storage: [f32; 2],
+    /// Groups that packets march through.
+    pub(crate) fit: usize,
+}
+
+impl Grades {
+    /// Grades the groups of a brick whose cells measure `diagonal` code lengths from corner to
+    /// corner.
+    pub(crate) fn fill(
+        &mut self,
+        (relief, kept, hides): (&Relief, &KeptRates, bool),
+        (diagonal, care): (f64, Care),
+        has_squares: bool,
+        transfer: &PacketTransfer,
+    ) {
+        let reach = if hides { relief.levels_reach } else { 0.0 };
+        let count = relief.count();
+        (self.parts, self.share) = (care.parts(), care.share_of_cell());
+        let grader = Grader { transfer, reach, diagonal, parts: f64::from(self.parts) };
+        let key = Key { transfer: transfer.number, hides, parts: self.parts };
+        kept.fill(key, &mut self.rates, |rates| {
+            rates.extend((0..count).map(|n| grader.grade(relief.group(n))));
+        });
+        self.fit = self.rates.iter().filter(|rate| **rate != UNFIT).count();
+        self.fill_levels((relief, hides), transfer);
+        let (most, slope) = (relief.whole.storage.most(), relief.whole.storage.slope());
+        let rows = (0..count).map(|n| {
+            let [a, b, c, d] = stored(relief.group(n), slope, &transfer.table);
+            let levels = self.levels.get(n).copied().unwrap_or(0);
+            let [rate, levels] = [self.rates[n], levels].map(f32::from_bits);
+            [a, b, c, d, rate, levels, levels, 0.0]
+        });
+        self.rows.clear();
+        self.rows.extend(rows);
+        self.has_near = self.levels.is_empty();
+        self.storage = [most, slope].map(up);
+        self.reliefs.clear();
+        if has_squares {
+            self.reliefs.extend((0..count).map(|n| row(relief.group(n))));
+            self.reliefs.push(row(&relief.whole));
+            self.reach = up(reach + most);
+            self.is_fit_for_wide = grader.is_smooth(&relief.whole);
+        }
+    }
+
+    /// Grades the groups of a brick whose cells are constant and far from steps: there all groups
+    /// are fit, and their rates say the most that they emit and absorb.
+    pub(crate) fn fill_cells(
+        &mut self,
+        (relief, hides): (&Relief, bool),
+        transfer: &PacketTransfer,
+    ) {
+        (self.parts, self.share) = (1, 1.0);
+        let most = |n: usize| pack(relief.group(n).span.most, &transfer.table);
+        self.rates.clear();
+        self.rates.extend((0..relief.count()).map(most));
+        self.fit = self.rates.len();
+        self.fill_levels((relief, hides), transfer);
+        self.rows.clear();
+        self.reliefs.clear();
+    }
+
+    /// Takes in what levels beneath make each group be off by, where the brick is drawn in their
+    /// place.
+    fn fill_levels(&mut self, (relief, hides): (&Relief, bool), transfer: &PacketTransfer) {
+        self.levels.clear();
+        if hides {
+            let groups = (0..relief.count()).map(|n| relief.group(n));
+            self.levels.extend(groups.map(|group| pack(group.levels, &transfer.table)));
+        }
+    }
+
+    /// Finds the most that levels beneath make in a group or any beside it, `side` groups along an
+    /// edge, unless that is known.
+    pub(crate) fn look_around(&mut self, side: usize) {
+        if self.has_near {
+            return;
+        }
+        self.has_near = true;
+        for stride in [1, side, side * side] {
+            // Along one axis after the other, by what was there before: the last is kept.
+            let mut before = vec![0; stride];
+            for at in 0..self.rows.len() {
+                let n = at / stride % side;
+                let own = self.rows[at][NEAR].to_bits();
+                let mut most = own;
+                if n > 0 {
+                    most = larger_halves(most, before[at % stride]);
+                }
+                if n + 1 < side {
+                    most = larger_halves(most, self.rows[at + stride][NEAR].to_bits());
+                }
+                before[at % stride] = own;
+                self.rows[at][NEAR] = f32::from_bits(most);
+            }
+        }
+    }
+}
+
+/// Where a group's row has levels near it.
+const NEAR: usize = 6;
+
+/// The larger of the upper halves and the larger of the lower ones.
+fn larger_halves(a: u32, b: u32) -> u32 {
+    (a & !0xffff).max(b & !0xffff) | (a & 0xffff).max(b & 0xffff)
+}
+
+/// A group's entry in `packet::Ground::reliefs`.
+fn row(group: &Group) -> [f32; 8] {
+    let ([x, y, z], [p, q, r]) = (group.slope, group.uneven);
+    [x, y, z, p, q, r, group.high - group.low, 0.0].map(up)
+}
+
+/// Whether a group has values, and no void.
+fn is_full(group: &Group) -> bool {
+    group.low <= group.high && !group.has_void
+}
+
+struct Grader<'g> {
+    transfer: &'g PacketTransfer,
+    reach: f64,
+    diagonal: f64,
+    parts: f64,
+}
+
+impl Grader<'_> {
+    /// The values of a group, and what they may be in truth.
+    fn range(&self, group: &Group) -> [f64; 2] {
+        let reach = self.reach + group.storage.most();
+        [group.low - reach, group.high + reach]
+    }
+
+    /// Whether a group is without void, and the transfer function without steps over it.
+    fn is_smooth(&self, group: &Group) -> bool {
+        let [low, high] = self.range(group);
+        is_full(group) && self.transfer.close.merged.over(low, high).jumps == Change::default()
+    }
+
+    fn grade(&self, group: &Group) -> u32 {
+        if !is_full(group) {
+            return UNFIT;
+        }
+        let [low, high] = self.range(group);
+        let smoothness = self.transfer.close.merged.smoothness(low, high);
+        if smoothness.steps {
+            return UNFIT;
+        }
+        let off = self.off(group, &smoothness);
+        let most = self.allowed(&smoothness).times(FITTING);
+        let is_fit = off.emission <= most.emission && off.extinction <= most.extinction;
+        if is_fit { pack(off, &self.transfer.table) } else { UNFIT }
+    }
+
+    /// What emission and extinction may be off by.
+    fn allowed(&self, smoothness: &Smoothness) -> Change {
+        let PacketTransfer { allowed, longest, behind, .. } = *self.transfer;
+        let Some(allowed) = allowed else { return smoothness.most.times(LITTLE) };
+        let least = smoothness.least_extinction;
+        let share = longest.recip().max(least).max((CELLS_OF_LEVEL * self.diagonal).recip());
+        Change { emission: allowed * share, extinction: allowed * share / behind.max(1.0) }
+    }
+
+    /// What emission and extinction are off by.
+    fn off(&self, group: &Group, smoothness: &Smoothness) -> Change {
+        let Smoothness { deviation, slope, most, .. } = *smoothness;
+        let depth = most.extinction * self.diagonal / self.parts;
+        if depth.is_nan() || depth > f64::from(DEEPEST) {
+            return Change { emission: f64::INFINITY, extinction: f64::INFINITY };
+        }
+        let table = self.transfer.table.deviation(group.low, group.high);
+        let largest = group.low.abs().max(group.high.abs());
+        let whole: f64 = group.slope.iter().sum();
+        let rounded = PLACE_ROUNDING * whole + VALUE_ROUNDING * largest;
+        let lost = Change {
+            emission: table[0] + UNDERFLOW * self.transfer.table.emission + 2.0 * deviation,
+            extinction: table[1] + UNDERFLOW * self.transfer.table.extinction,
+        };
+        lost.plus(most.times(LIGHT_ROUNDING)).plus(slope.times(rounded))
+    }
+}
+
+/// The first numbers of a row of `packet::Ground::rows`, where what values make of x grows
+/// by so much a unit of it in all groups.
+fn stored(group: &Group, slope: f64, table: &TransferTable) -> [f32; 4] {
+    let most = group.storage.most();
+    let [emission, extinction] = relative(group.span.slope.times(most), table);
+    let base = group.storage.base_for(slope, group.low);
+    // Adding the slope's share to it rounds.
+    let base = base + BASE_ROUNDING * base.abs();
+    [emission, extinction, most, base].map(|x| up(x.min(MOST_STORED)))
+}
+
+/// Rounding of a sum in f32, relative to one of the two.
+const BASE_ROUNDING: f64 = 3e-7;
+/// More than anything that is stored makes, in f32.
+const MOST_STORED: f64 = 1e38;
+
+/// Emission and extinction of `off`, each relative to the table's scale of it.
+fn relative(off: Change, table: &TransferTable) -> [f64; 2] {
+    let extinction = if table.extinction > 0.0 { off.extinction / table.extinction } else { 0.0 };
+    [off.emission / table.emission, extinction]
+}
+
+/// What [`relative`] says, rounded up to the upper halves of f32 and packed into one number; never
+/// [`UNFIT`].
+fn pack(off: Change, table: &TransferTable) -> u32 {
+    two_halves(relative(off, table)).min(UNFIT - 1)
+}

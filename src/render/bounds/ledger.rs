@@ -1,0 +1,296 @@
+//! One ray's account of what may be wrong with it, through one brick.
+
+use std::borrow::Cow;
+
+use super::ray_error::{Change, RayError, Sums};
+use super::relief::{Group, Relief};
+use super::storage::Reach;
+use crate::render::march::absorb::{Integrator, Tally};
+use crate::render::march::ray::Spread;
+use crate::render::transfer::span::Span;
+
+/// Keeps a ray's account while it passes through a brick.
+///
+/// A ray stands for a square of the picture: of any other ray of the square it is said how far
+/// its values are from this one's at the same distance from the eye. While both are in the brick,
+/// its slopes tell, and opposite places of the square cancel but for the slopes' unevenness.
+/// Where the other may have left the brick or not yet entered it, each brick answers for the way
+/// inside itself.
+pub(crate) struct Ledger<'a> {
+    relief: &'a Relief,
+    error: &'a mut RayError,
+    /// Whether children are hidden by the brick.
+    hides: bool,
+    /// How far the square's rays are from this one.
+    spread: Spread,
+    /// The group that is being added up.
+    current: usize,
+    /// What the ray had gathered when that was begun.
+    gathered: [f64; 3],
+    shift: Shift,
+}
+
+/// How the domain ends near a ray.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum DomainEnd {
+    /// Not at all.
+    Nowhere,
+    /// At one plane.
+    Face,
+    /// At several.
+    Edge,
+}
+
+impl Group {
+    /// Change where what is drawn ends.
+    fn border(&self) -> Change {
+        if self.has_void { self.span.most } else { Change::default() }
+    }
+}
+
+/// How far the values of a square's rays are from its centre's: at most; and on average but for
+/// what cancels between opposite ones, where one formula holds for all, and along a stretch.
+#[derive(Debug, Clone, Copy, Default)]
+struct Shift {
+    most: f64,
+    smooth: f64,
+    uneven: f64,
+}
+
+const NO_GROUP: usize = usize::MAX;
+
+impl<'a> Ledger<'a> {
+    /// An account of a ray through a brick, for a square whose rays are up to `spread` away.
+    pub(crate) fn new(
+        relief: &'a Relief,
+        error: &'a mut RayError,
+        hides: bool,
+        spread: Spread,
+    ) -> Self {
+        let (current, gathered, shift) = (NO_GROUP, [0.0; 3], Shift::default());
+        Self { relief, error, hides, spread, current, gathered, shift }
+    }
+
+    /// Whether the rays of the square are apart at all.
+    pub(crate) fn is_spread(&self) -> bool {
+        self.spread.cells != [0.0; 3]
+    }
+
+    /// Largest displacement of the square's rays, cells.
+    pub(crate) fn spread(&self) -> [f64; 3] {
+        self.spread.cells
+    }
+
+    /// Adds what rays of the square may see in other cells over a stretch of `length` code
+    /// lengths in which `touching` of it, summed over the cell's faces, is within their reach.
+    pub(crate) fn touch(&mut self, touching: f64, length: f64, transmittance: f64) {
+        let group = self.group();
+        let span = group.span;
+        let change = span.variation.plus(span.jumps).max(group.border());
+        let reached = touching.min(length);
+        let sums = Sums::of(change, reached, reached * transmittance);
+        self.error.farthest = self.error.farthest.plus(sums);
+        // The far side of a face takes at most half of the square.
+        let mean = (0.5 * touching).min(length);
+        self.error.uneven = self.error.uneven.plus(Sums::of(change, mean, mean * transmittance));
+    }
+
+    /// The next stretch lies in the dual cell (or cell) `cell`.
+    #[inline]
+    pub(crate) fn enter(&mut self, cell: [i32; 3], integrator: &mut Integrator<'_>) {
+        let next = self.relief.find(cell);
+        if next != self.current {
+            self.close(integrator);
+            self.current = next;
+            self.shift = self.shift_of(self.group());
+            integrator.reach = Some(self.reach());
+        }
+    }
+
+    /// The stretch is over. For `touching` of it, 1 at most, formulas change between this ray and
+    /// others of the square; and rays are on average `beyond` cells in the next dual cell along
+    /// each axis, where the slope along that axis is another.
+    #[inline]
+    pub(crate) fn leave(
+        &mut self,
+        touching: f64,
+        beyond: [f64; 3],
+        integrator: &mut Integrator<'_>,
+    ) {
+        let Shift { most, smooth, .. } = self.shift;
+        let uneven = &self.group().uneven;
+        let bent: f64 = (0..3).map(|a| 2.0 * uneven[a] * beyond[a]).sum();
+        let parted = 0.5 * most * touching.min(1.0);
+        self.shift.uneven = (0.5 * most).min(parted + bent + smooth);
+        self.close(integrator);
+    }
+
+    /// Whether the square's rays may be more than a cell away.
+    #[inline]
+    pub(crate) fn is_wide(&self) -> bool {
+        self.spread.cells.iter().any(|&spread| spread > 1.0)
+    }
+
+    fn group(&self) -> &'a Group {
+        if self.is_wide() { &self.relief.whole } else { self.relief.group(self.current) }
+    }
+
+    /// How far from this ray's values steps of the transfer function are looked for.
+    fn reach(&self) -> Reach {
+        let levels = if self.hides { self.relief.levels_reach } else { 0.0 };
+        Reach {
+            others: self.shift.most + levels,
+            storage: self.group().storage,
+            is_elsewhere: self.hides || self.is_spread(),
+        }
+    }
+
+    fn shift_of(&self, group: &Group) -> Shift {
+        let Spread { cells, bend, angle } = self.spread;
+        let over = |away: [f64; 3]| (0..3).map(|a| group.slope[a] * away[a]).sum::<f64>();
+        let most = over(cells).min(group.high - group.low);
+        // Opposite rays lie opposite but for the bend of the sphere on which their distances from
+        // the eye are equal, and by less than twice their displacement times its angle. Where one
+        // formula holds, opposite values cancel but for its second derivatives: slopes change
+        // within a cell by no more than their range, and E|δ_a δ_b| ≤ D_a D_b / 3.
+        let twist = |a: usize, b: usize| {
+            2.0 / 3.0 * group.uneven[a].min(group.uneven[b]) * cells[a] * cells[b]
+        };
+        let smooth = twist(0, 1) + twist(1, 2) + twist(2, 0) + over(bend) + 2.0 * angle * most;
+        // Until the stretch is known: a place of the square is on average half as far from its
+        // centre as its border is.
+        Shift { most, smooth, uneven: 0.5 * most }
+    }
+
+    /// Adds what the integrator has tallied.
+    pub(crate) fn close(&mut self, integrator: &mut Integrator<'_>) {
+        let tally = std::mem::take(&mut integrator.tally);
+        let gathered = std::mem::replace(&mut self.gathered, integrator.state.radiance);
+        if self.current == NO_GROUP {
+            return;
+        }
+        let group = self.group();
+        let before = self.error.own_extinction();
+        self.error.quadrature += tally.quadrature;
+        let of_stored = self.error.of_stored(self.relief.is_rounded);
+        *of_stored = of_stored.plus(tally.stored);
+        if self.hides {
+            let mut levels = Sums::of(group.levels, tally.length, tally.lit);
+            if self.relief.levels_reach > 0.0 {
+                let steepest = tally.slope.plus(tally.kinks);
+                levels = levels.min(steepest.times(self.relief.levels_reach));
+            }
+            self.error.levels = self.error.levels.plus(levels);
+        }
+        if self.is_spread() {
+            self.add_spread(&tally, group.border());
+        } else {
+            // Steps within reach of what is beneath, or of what is not stored exactly.
+            let cause = self.error.of_stored(self.hides || self.relief.is_rounded);
+            *cause = cause.plus(tally.jumps);
+        }
+        self.error.place_behind(gathered, before);
+    }
+
+    fn add_spread(&mut self, tally: &Tally, border: Change) {
+        let Shift { most, uneven, .. } = self.shift;
+        let end = Sums::of(border, tally.length, tally.lit);
+        let all = tally.slope.plus(tally.kinks).times(most).plus(tally.jumps.plus(end).times(2.0));
+        self.error.farthest = self.error.farthest.plus(all);
+        // A half second derivative c bends the mean of opposite places by c times the square of
+        // their distance in value: on average at most a third of that of the farthest, as it is
+        // of a sum of two values that are uniform between opposite bounds.
+        let bent = Sums { emission: tally.bend * most * most / 3.0, ..Sums::default() };
+        // At a kink as at a face: at most a quarter of the farthest is beyond it on average.
+        let kinks = tally.kinks.times((0.25 * most + uneven).min(0.5 * most));
+        let cancelled =
+            tally.slope.times(uneven).plus(kinks).plus(tally.jumps).plus(end).plus(bent);
+        self.error.uneven = self.error.uneven.plus(cancelled);
+    }
+
+    /// Adds what rays of the square may meet in the brick, over `length` code lengths with
+    /// transmittance at most `transmittance`, where this one is outside, beside what `group`
+    /// holds: `share` of the square, at most half of it, since brick and square are convex.
+    pub(crate) fn beside(
+        &mut self,
+        group: &Group,
+        (length, transmittance): (f64, f64),
+        share: f64,
+        end: DomainEnd,
+    ) {
+        let over = (0..3).map(|a| group.slope[a] * self.spread.cells[a]).sum::<f64>();
+        let Span { slope, variation, jumps, most } = group.span;
+        let mut change = slope.times(over).min(variation).plus(jumps);
+        if self.hides {
+            // The coarser values need not meet the neighbour's at the face.
+            change = change.plus(group.levels.times(2.0));
+        }
+        if end == DomainEnd::Edge || group.has_void {
+            change = change.max(most);
+        } else if end == DomainEnd::Face {
+            return self.add_face(group, change.times(2.0), (length, transmittance), share);
+        }
+        self.add_part(change, length, transmittance, share);
+    }
+
+    /// Where the domain ends at one plane, what opposite rays of the square meet more and less of
+    /// it is the same but for how values `change` along the way, and for the bend of the sphere on
+    /// which distances from the eye are equal.
+    fn add_face(
+        &mut self,
+        group: &Group,
+        change: Change,
+        (length, transmittance): (f64, f64),
+        share: f64,
+    ) {
+        let most = group.span.most;
+        let uneven = change.plus(most.times(2.0 * self.spread.angle)).min(most);
+        let farthest = Sums::of(change.max(most), length, length * transmittance);
+        self.error.farthest = self.error.farthest.plus(farthest.times((2.0 * share).max(1.0)));
+        let uneven = Sums::of(uneven, length, length * transmittance);
+        self.error.uneven = self.error.uneven.plus(uneven.times(share));
+    }
+
+    /// Adds what rays of the square miss where the domain ends near this one.
+    pub(crate) fn domain_ends(
+        &mut self,
+        group: &Group,
+        (length, transmittance): (f64, f64),
+        share: f64,
+        end: DomainEnd,
+    ) {
+        if end == DomainEnd::Face {
+            let over = (0..3).map(|a| group.slope[a] * self.spread.cells[a]).sum::<f64>();
+            let Span { slope, variation, jumps, .. } = group.span;
+            let change = slope.times(over).min(variation).plus(jumps);
+            self.add_face(group, change.times(2.0), (length, transmittance), share);
+        } else {
+            self.add_part(group.span.most, length, transmittance, share);
+        }
+    }
+
+    /// Adds what of the distances from the eye at which the square's rays meet a face where the domain
+    /// ends does not cancel: `length` on average.
+    pub(crate) fn bend_at_face(&mut self, group: &Group, length: f64, transmittance: f64) {
+        let sums = Sums::of(group.span.most, length, length * transmittance);
+        self.error.uneven = self.error.uneven.plus(sums);
+    }
+
+    /// What holds for the square's rays beside `point`, and for this one's way of `half` cells on
+    /// both sides of it.
+    pub(crate) fn group_near(&self, point: [f64; 3], half: f64) -> Cow<'a, Group> {
+        let widest = self.spread.cells.iter().copied().fold(0.0, f64::max);
+        if widest > 4.0 {
+            return Cow::Borrowed(&self.relief.whole);
+        }
+        self.relief.near(point, widest + half)
+    }
+
+    /// `share` of the square differs by `change`.
+    fn add_part(&mut self, change: Change, length: f64, transmittance: f64, share: f64) {
+        let sums = Sums::of(change, length, length * transmittance);
+        // Half of the farthest counts as average.
+        self.error.farthest = self.error.farthest.plus(sums.times((2.0 * share).max(1.0)));
+        self.error.uneven = self.error.uneven.plus(sums.times(share));
+    }
+}

@@ -1,0 +1,279 @@
+//! What a ray's account says of its square, against all rays of it.
+
+use glam::DVec3;
+
+use proptest::prelude::*;
+
+use super::grade::{Care, PacketTransfer};
+use super::ray_error::RayError;
+use super::relief::Distance;
+use super::steepness::Surveyor;
+use crate::render::brick::interpolant::DrawnNeighbours;
+use crate::render::brick::margin::{self, parts};
+use crate::render::brick::scaled::ScaledBrick;
+use crate::render::camera::frame::{Footprint, Frame};
+use crate::render::camera::rays::{PixelGrid, Square};
+use crate::render::camera::view::View;
+use crate::render::march::packets::{Accounts, Packets, Passenger, Rays};
+use crate::render::march::ray::{Light, Passage, Region, march};
+use crate::render::march::ray_state::{Ending, RayState};
+use crate::render::march::ray_tests::{shells, smooth, steps, transfer};
+use crate::render::testing::data::{BRICKS, TestData, linear, rough};
+use crate::render::tiles::tile::{beam, meets};
+use crate::render::transfer::pieces::TransferPieces;
+use crate::render::transfer::table::TransferTable;
+use crate::scene::{Interpolation, Scene, TransferFunction};
+
+const EDGE: i128 = 8;
+/// Rays across a square.
+const RAYS: u32 = 16;
+
+struct Part {
+    brick: ScaledBrick,
+    region: Region,
+    frame: Frame,
+    footprint: Footprint,
+}
+
+/// Bricks before a camera, front to back.
+struct Stage<'s> {
+    grid: PixelGrid,
+    parts: Vec<Part>,
+    light: Light<'s>,
+    brightest: f64,
+}
+
+/// How a square's ray is marched.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Way {
+    WithoutAccount,
+    Alone,
+    InPackets,
+}
+
+/// What light may be off by for the march of packets.
+const ALLOWED: f64 = 1e-2;
+
+impl<'s> Stage<'s> {
+    /// One brick, as if the domain ended at its faces; or all of a domain with one level.
+    fn new(
+        data: &TestData,
+        (level, bricks): (u32, &[[i128; 3]]),
+        scene: &Scene,
+        (function, transfer): (&TransferFunction, &'s TransferPieces),
+        interpolation: Interpolation,
+    ) -> Self {
+        let view = View::new(scene, &data.domain).unwrap();
+        let eye = data.domain.position(&scene.camera.position).unwrap();
+        let eye = data.domain.cell_of(level as i32, &eye).map(|c| c.div_euclid(EDGE));
+        let mut order = bricks.to_vec();
+        order.sort_by_key(|at| (0..3).map(|a| (at[a] - eye[a]).abs()).sum::<i128>());
+        let part = |at: &[i128; 3]| {
+            let mut brick = data.brick(level, *at, EDGE as u32, interpolation);
+            let distance = Distance::none([0.0, 1.0]);
+            brick.survey(&transfer.all, &distance, &mut Surveyor::default());
+            let corner = data.domain.cell_corner(level as i32, at.map(|c| c * EDGE));
+            let frame = view.frame(&corner, level as i32, EDGE as f64);
+            let region = region(data, level, *at, bricks.len() == 1);
+            Some(Part {
+                brick,
+                region,
+                frame,
+                footprint: frame.footprint(DVec3::ZERO, DVec3::splat(EDGE as f64))?,
+            })
+        };
+        let parts = order.iter().filter_map(part).collect();
+        let size =
+            data.domain.difference(&data.domain.upper(), &data.domain.cell_corner(0, [0; 3]));
+        let grid = PixelGrid::new(&view, scene.render.samples);
+        let longest = size.length();
+        let brightest = transfer.brightest().min(transfer.largest_emission() * longest);
+        let close = TransferPieces::new(function, |_| 0.01 * ALLOWED / longest);
+        let table = TransferTable::new(&transfer.all, &close.merged);
+        let allowed = Some(ALLOWED);
+        let packets = Some(PacketTransfer::new((table, close), (allowed, 1.0), longest));
+        let ending = Ending::new(brightest, 0.0);
+        let light = Light { pieces: &transfer.all, ending, packets };
+        Self { grid, parts, light, brightest }
+    }
+
+    /// What the square's ray gathers, and its account.
+    fn gather(&self, square: &Square, way: Way) -> (RayState, RayError) {
+        let (mut states, mut errors) = ([RayState::default()], [RayError::default()]);
+        let mut packets = Packets::new();
+        let light = &self.light;
+        let (plane, half) = (self.grid.plane(square), self.grid.pixel_size() * square.half());
+        for Part { brick, region, frame, footprint } in &self.parts {
+            let whole =
+                Passage { brick, region: *region, drawn: DrawnNeighbours::ALL, hides: false };
+            if way == Way::WithoutAccount {
+                march(&whole, &frame.ray(plane), light, &mut states[0], None);
+                continue;
+            }
+            for margin::Part { passage, frame, footprint } in parts(&whole, frame, footprint) {
+                if !meets(&footprint, plane, half) {
+                    continue;
+                }
+                let ray = frame.ray(plane);
+                let covered = self.grid.covered(&footprint) / self.grid.weight(square);
+                let beam = beam(&frame, &ray, half, covered);
+                let cells = (frame.cell_width.length(), Care::Rough);
+                if way == Way::InPackets && packets.enter(&passage, light, cells, true) {
+                    let mut film = Rays { states: &mut states, errors: &mut errors };
+                    let rays = (&[Passenger { index: 0, ray }][..], Accounts::Squares(&[beam]));
+                    packets.march(&passage, light, rays, &mut film);
+                } else {
+                    march(&passage, &ray, light, &mut states[0], Some((&mut errors[0], &beam)));
+                }
+            }
+        }
+        (states[0], errors[0])
+    }
+
+    /// Compares the square's centre with [`RAYS`]² rays of it.
+    fn check(&self, square: &Square) -> Result<(), TestCaseError> {
+        let (mut mean, mut others) = ([0.0; 4], Vec::new());
+        let width = 2.0 * square.half();
+        for n in 0..RAYS * RAYS {
+            let off = [n % RAYS, n / RAYS]
+                .map(|i| ((f64::from(i) + 0.5) / f64::from(RAYS) - 0.5) * width);
+            let centre_of = [square.centre[0] + off[0], square.centre[1] + off[1]];
+            let (other, _) =
+                self.gather(&Square { centre: centre_of, ..*square }, Way::WithoutAccount);
+            for (c, value) in channels(&other).into_iter().enumerate() {
+                mean[c] += value / f64::from(RAYS * RAYS);
+                others.push(value);
+            }
+        }
+        for way in [Way::Alone, Way::InPackets] {
+            self.compare(self.gather(square, way), &mean, &others)?;
+        }
+        Ok(())
+    }
+
+    /// Compares the square's centre with other rays of it, channel by channel, and with their mean.
+    fn compare(
+        &self,
+        (state, error): (RayState, RayError),
+        mean: &[f64; 4],
+        others: &[f64],
+    ) -> Result<(), TestCaseError> {
+        let (centre, brightest) = (channels(&state), self.brightest);
+        let (light, opacity) = (state.radiance, state.opacity());
+        // Of light, and of opacity, whose own light is never brighter than 1.
+        let farthest = error.off_by(light, brightest).max(error.farthest.dimmed);
+        let shares = error.shares(light, opacity, brightest, 0.0);
+        let apart = |(n, value): (usize, &f64)| (value - centre[n % 4]).abs();
+        let worst = others.iter().enumerate().map(apart).fold(0.0, f64::max);
+        let rounding = 1e-9 * (1.0 + state.light()) + shares.quadrature;
+        prop_assert!(worst <= farthest + rounding, "farthest {worst:e}, not {farthest:e}");
+        let off = (0..4).map(|c| (mean[c] - centre[c]).abs()).fold(0.0, f64::max);
+        let area = shares.pixel_area;
+        prop_assert!(off <= area + rounding, "mean {off:e}, not {area:e}");
+        Ok(())
+    }
+}
+
+fn channels(state: &RayState) -> [f64; 4] {
+    let [r, g, b] = state.radiance;
+    [r, g, b, state.opacity()]
+}
+
+/// All of a brick within the domain, and where that ends.
+fn region(data: &TestData, level: u32, at: [i128; 3], is_alone: bool) -> Region {
+    let cells = data.domain.root_cells().map(|n| i128::from(n) << level);
+    let hi: [f64; 3] = std::array::from_fn(|a| EDGE.min(cells[a] - at[a] * EDGE) as f64);
+    let ends = (0..3).fold(0, |ends, a| {
+        let (lower, upper) = (at[a] == 0, (at[a] + 1) * EDGE >= cells[a]);
+        ends | u8::from(lower) << a | u8::from(upper) << (3 + a)
+    });
+    Region { lo: [0.0; 3], hi, ends: if is_alone { 0x3f } else { ends } }
+}
+
+/// A camera `distance` away from `target`, in a random direction.
+fn camera(target: [f64; 3], off: [f64; 3], fov: f64, projection: Option<f64>) -> Scene {
+    let eye: [f64; 3] = std::array::from_fn(|a| target[a] + off[a]);
+    let lens = match projection {
+        Some(height) => format!("projection = \"orthographic\"\nheight = {height}"),
+        None => format!("fov = {fov}"),
+    };
+    let text = format!(
+        "[image]\nwidth = 6\nheight = 6\n[camera]\nposition = {eye:?}\nlook_at = {target:?}\n\
+         up = [0.31, 1.0, 0.17]\n{lens}\n[render]\nsamples = \"area\"\n\
+         [[volume]]\nfield = \"Density\"\n"
+    );
+    Scene::parse(&text, "test").unwrap()
+}
+
+fn media(number: usize) -> TransferFunction {
+    let emission = [(0.0, 0.0), (0.5, 2.0), (1.0, 0.5)];
+    match number {
+        0 => smooth(),
+        1 => shells(),
+        2 => steps(),
+        3 => transfer(&[(0.0, 0.0)], &emission),
+        _ => transfer(&[(0.0, 30.0), (1.0, 90.0)], &emission.map(|(x, j)| (x, 60.0 * j))),
+    }
+}
+
+fn squares() -> impl Strategy<Value = Vec<Square>> {
+    let square = (prop::array::uniform2(0.0..6.0_f64), 0..8_u8)
+        .prop_map(|(centre, halvings)| Square { centre, offset: [0; 2], pixel: 0, halvings });
+    prop::collection::vec(square, 12)
+}
+
+fn interpolations() -> impl Strategy<Value = Interpolation> {
+    prop_oneof![Just(Interpolation::Linear), Just(Interpolation::Cell)]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(80))]
+
+    #[test]
+    fn a_square_of_one_brick_is_as_far_off_as_its_account_says(
+        number in 0..BRICKS.len(),
+        off in prop::array::uniform3(-2.5..2.5_f64),
+        (fov, is_flat) in (20.0..90.0_f64, any::<bool>()),
+        medium in 0..5_usize,
+        interpolation in interpolations(),
+        squares in squares(),
+    ) {
+        let (level, at) = BRICKS[number];
+        let data = TestData::new(rough);
+        let width = data.domain.cell_width(level as i32) * EDGE as f64;
+        let left = data.domain.left();
+        let target = std::array::from_fn(|a| left[a] + (at[a] as f64 + 0.5) * width[a]);
+        let off = std::array::from_fn(|a| off[a] * width.max_element());
+        let flat = is_flat.then(|| width.max_element() * 1.5);
+        let scene = camera(target, off, fov, flat);
+        let function = media(medium);
+        let transfer = TransferPieces::new(&function, |_| 0.0);
+        let media = (&function, &transfer);
+        let stage = Stage::new(&data, (level, &[at]), &scene, media, interpolation);
+        for square in squares {
+            stage.check(&square)?;
+        }
+    }
+
+    #[test]
+    fn a_square_of_many_bricks_is_as_far_off_as_its_account_says(
+        is_rough in any::<bool>(),
+        off in prop::array::uniform3(-3.0..3.0_f64),
+        fov in 20.0..90.0_f64,
+        medium in 0..5_usize,
+        interpolation in interpolations(),
+        squares in squares(),
+    ) {
+        let data = TestData::one_level(if is_rough { rough } else { linear });
+        let bricks: Vec<[i128; 3]> =
+            (0..12).map(|n| [n % 3, n / 3 % 2, n / 6]).collect();
+        let scene = camera([1.0, 0.5, 1.5], off, fov, None);
+        let function = media(medium);
+        let transfer = TransferPieces::new(&function, |_| 0.0);
+        let media = (&function, &transfer);
+        let stage = Stage::new(&data, (0, &bricks), &scene, media, interpolation);
+        for square in squares {
+            stage.check(&square)?;
+        }
+    }
+}

@@ -1,0 +1,343 @@
+//! What a brick says of how far values differ near any place in it: for groups of cells, the
+//! range and slopes of the interpolant. From these follow the differences between the rays of a
+//! pixel, and what it means that a brick is drawn instead of those beneath it.
+
+use std::borrow::Cow;
+
+use super::ray_error::Change;
+use super::steepness::{Steepness, Surveyor, Terrain};
+use super::storage::Storage;
+use crate::render::brick::scaled::ScaledBrick;
+use crate::render::transfer::pieces::PieceList;
+use crate::render::transfer::span::Span;
+use crate::scene::Rounding;
+
+/// Dual cells (with `cell`: cells) along a group's edge.
+pub(crate) const GROUP_EDGE: usize = 4;
+/// Values farther off than this count by the transfer function's whole variation over the range
+/// that they may take, steps included; nearer ones by its slope, and steps where they are met.
+const FAR: f64 = 1e-3;
+
+/// A cube of [`GROUP_EDGE`]³ dual cells. Ranges and slopes take in one dual cell more on every
+/// side, as far as the brick knows it.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Group {
+    /// Smallest x.
+    pub(crate) low: f64,
+    /// Largest x.
+    pub(crate) high: f64,
+    /// Steepest slope of x along each axis, per cell.
+    pub(crate) slope: [f64; 3],
+    /// Half the range of the slope along each axis, per cell.
+    pub(super) uneven: [f64; 3],
+    /// Change by what is beneath the brick.
+    pub(crate) levels: Change,
+    /// In a thinner brick, a bound of the difference of x to that of the brick that it is made of.
+    pub(crate) thinned: f64,
+    /// Difference of x to that of the source's values, and its rounding.
+    pub(crate) storage: Storage,
+    /// What the transfer function does over the range.
+    pub(crate) span: Span,
+    /// Whether part of the group is void: what is drawn ends there.
+    pub(crate) has_void: bool,
+}
+
+/// How far from the truth a brick's values are, in x.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Distance {
+    /// Bound of the difference to the finest interpolant, where children hide.
+    pub(crate) residual: f64,
+    /// Which octants have children.
+    pub(crate) child_mask: u8,
+    /// Whether something is shown where there is nothing beneath.
+    pub(crate) fills_void: bool,
+    /// What x can be in the brick's box at any level.
+    pub(crate) tree: [f64; 2],
+    /// How far stored values are from those of the source, averages included.
+    pub(crate) storage: Rounding,
+    /// How far stored values of leaf cells are from those of the source.
+    pub(crate) leaf_storage: Rounding,
+    /// Whether values are read in fewer digits than are stored: then that is what makes the two above,
+    /// and finer cuts change it.
+    pub(crate) is_rounded: bool,
+}
+
+impl Distance {
+    /// None: nothing lies beneath, and values within `tree` are the source's.
+    pub(crate) fn none(tree: [f64; 2]) -> Self {
+        let stored = Rounding::default();
+        Self {
+            residual: 0.0,
+            child_mask: 0,
+            fills_void: false,
+            tree,
+            storage: stored,
+            leaf_storage: stored,
+            is_rounded: false,
+        }
+    }
+}
+
+/// The groups of a brick. Its memory is reused from brick to brick.
+#[derive(Debug, Default)]
+pub(crate) struct Relief {
+    /// Groups along an edge.
+    side: usize,
+    groups: Vec<Group>,
+    /// All groups in one.
+    pub(crate) whole: Group,
+    /// How far steps of the transfer function must be looked for beyond the values themselves, by
+    /// what is beneath.
+    pub(super) levels_reach: f64,
+    /// Whether what values as they are read make counts as of levels: they have fewer digits than are
+    /// stored.
+    pub(crate) is_rounded: bool,
+}
+
+impl Relief {
+    /// Groups along the edge of a brick of `edge` cells.
+    pub(crate) fn side_of(edge: usize) -> usize {
+        (edge + 1).div_ceil(GROUP_EDGE)
+    }
+
+    /// Most heap bytes for a brick of `edge` cells.
+    pub(crate) fn bytes(edge: usize) -> u64 {
+        (Self::side_of(edge).pow(3) * size_of::<Group>()) as u64
+    }
+
+    /// Whether there is none.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.groups.is_empty()
+    }
+
+    /// Forgets all groups; their memory is kept.
+    pub(crate) fn clear(&mut self) {
+        self.groups.clear();
+    }
+
+    /// The number of the group that holds a dual cell (or cell).
+    #[inline]
+    pub(super) fn find(&self, cell: [i32; 3]) -> usize {
+        let [x, y, z] = cell.map(|c| c as usize / GROUP_EDGE);
+        (z * self.side + y) * self.side + x
+    }
+
+    /// Number of groups.
+    pub(crate) fn count(&self) -> usize {
+        self.groups.len()
+    }
+
+    /// Number of groups along an edge.
+    pub(crate) fn side(&self) -> usize {
+        self.side
+    }
+
+    /// The group with this number, x fastest; all in one where there is none.
+    #[inline]
+    pub(super) fn group(&self, index: usize) -> &Group {
+        self.groups.get(index).unwrap_or(&self.whole)
+    }
+
+    /// The group that holds a cell, or a dual cell.
+    #[inline]
+    pub(crate) fn group_at(&self, cell: [usize; 3]) -> &Group {
+        let [x, y, z] = cell.map(|c| c / GROUP_EDGE);
+        self.group((z * self.side + y) * self.side + x)
+    }
+
+    /// Looks at `brick`, which is prepared.
+    pub(crate) fn fill(
+        &mut self,
+        brick: &ScaledBrick,
+        pieces: &PieceList,
+        distance: &Distance,
+        surveyor: &mut Surveyor,
+    ) {
+        self.side = Self::side_of(brick.edge);
+        self.groups.clear();
+        self.groups.reserve_exact(self.side.pow(3));
+        self.levels_reach = if distance.residual < FAR { distance.residual } else { 0.0 };
+        self.is_rounded = distance.is_rounded;
+        let looker = Looker { brick, pieces, distance };
+        for (at, terrain) in surveyor.look(brick, self.side).iter().enumerate() {
+            let group = [at % self.side, at / self.side % self.side, at / self.side.pow(2)];
+            self.groups.push(looker.group(terrain, group.map(|g| g * GROUP_EDGE)));
+        }
+        self.join(pieces);
+    }
+
+    /// Finds what holds for all groups.
+    fn join(&mut self, pieces: &PieceList) {
+        self.whole = self.groups.first().copied().unwrap_or_default();
+        self.groups.iter().skip(1).for_each(|group| self.whole.take_in(group));
+        let Group { low, high, .. } = self.whole;
+        self.whole.span = if low <= high { pieces.over(low, high) } else { Span::default() };
+    }
+
+    /// Takes values to be those of a thinner brick, off by so much in each group from the one that
+    /// `finer` is of.
+    pub(crate) fn loosen(&mut self, finer: &Self, pieces: &PieceList, off: &[f64]) {
+        for (n, (group, off)) in self.groups.iter_mut().zip(off).enumerate() {
+            let most = |number: fn(&Group) -> f64| finer.most_beneath((n, self.side), number);
+            group.thinned = off + most(|group| group.thinned);
+            group.storage = Storage::at_most(most(|group| group.storage.most()));
+            group.low -= group.thinned;
+            group.high += group.thinned;
+            group.span = pieces.over(group.low, group.high);
+            group.levels = group.span.slope.times(group.thinned);
+        }
+        self.is_rounded = finer.is_rounded;
+        self.join(pieces);
+        let most = self.whole.thinned;
+        self.levels_reach = if most < FAR { most } else { 0.0 };
+    }
+
+    /// The largest that a number is in groups that hold part of group `n` of a thinner brick, of
+    /// `side` groups along an edge.
+    fn most_beneath(&self, (n, side): (usize, usize), number: fn(&Group) -> f64) -> f64 {
+        // Wider dual cells begin half of one, a finer one, before the cells.
+        let within = |n: usize| (2 * n).saturating_sub(1)..=(2 * n + 1).min(self.side - 1);
+        let mut most = 0.0_f64;
+        for (y, z) in
+            within(n / (side * side)).flat_map(|z| within(n / side % side).map(move |y| (y, z)))
+        {
+            let row = within(n % side).map(|x| (z * self.side + y) * self.side + x);
+            most = row.fold(most, |most, at| most.max(number(self.group(at))));
+        }
+        most
+    }
+
+    /// What light is off by because of levels in any group, at most.
+    pub(crate) fn most_levels(&self) -> Change {
+        self.groups.iter().map(|group| group.levels).fold(Change::default(), Change::max)
+    }
+
+    /// The largest half range of slopes along each axis in any group.
+    pub(crate) fn most_uneven(&self) -> [f64; 3] {
+        let larger = |a: [f64; 3], b: &[f64; 3]| std::array::from_fn(|n| a[n].max(b[n]));
+        self.groups.iter().fold([0.0; 3], |most, group| larger(most, &group.uneven))
+    }
+
+    /// What half as many cells along each axis would likely make of light in some group, at least.
+    pub(crate) fn likely_thinned(&self) -> Change {
+        // A slope that rises evenly by its range over a group and the cells beside it lets chords of
+        // two cells be off by a quarter of its rise over a cell; of that a quarter again is taken.
+        const SHARE: f64 = 2.0 / (GROUP_EDGE + 2) as f64 / 16.0;
+        let bent = |group: &Group| SHARE * group.uneven.iter().sum::<f64>();
+        let thinned = self.groups.iter().map(|group| group.span.slope.times(bent(group)));
+        thinned.fold(Change::default(), Change::max)
+    }
+
+    /// What holds for all within `reach` cells of `point`, of which the groups themselves know
+    /// one.
+    pub(crate) fn near(&self, point: [f64; 3], reach: f64) -> Cow<'_, Group> {
+        let beyond = reach - 1.0;
+        let last = self.side - 1;
+        let group = |x: f64| ((x + 0.5) / GROUP_EDGE as f64).max(0.0) as usize;
+        let [lo, hi] =
+            [beyond.max(0.0), -beyond.max(0.0)].map(|off| point.map(|x| group(x - off).min(last)));
+        let first = self.group((lo[2] * self.side + lo[1]) * self.side + lo[0]);
+        if lo == hi {
+            return Cow::Borrowed(first);
+        }
+        let mut all = *first;
+        for z in lo[2]..=hi[2] {
+            for y in lo[1]..=hi[1] {
+                for x in lo[0]..=hi[0] {
+                    all.take_in(self.group((z * self.side + y) * self.side + x));
+                }
+            }
+        }
+        Cow::Owned(all)
+    }
+}
+
+impl Group {
+    /// Makes of it what holds for `other` as well.
+    fn take_in(&mut self, other: &Self) {
+        self.low = self.low.min(other.low);
+        self.high = self.high.max(other.high);
+        self.slope = std::array::from_fn(|a| self.slope[a].max(other.slope[a]));
+        // Slopes of both signs: the range of all of them.
+        self.uneven = self.slope;
+        self.levels = self.levels.max(other.levels);
+        self.thinned = self.thinned.max(other.thinned);
+        self.storage = self.storage.max(other.storage);
+        self.span = self.span.max(other.span);
+        self.has_void |= other.has_void;
+    }
+}
+
+/// What is common to a brick's groups.
+struct Looker<'a> {
+    brick: &'a ScaledBrick,
+    pieces: &'a PieceList,
+    distance: &'a Distance,
+}
+
+impl Looker<'_> {
+    fn group(&self, terrain: &Terrain, first: [usize; 3]) -> Group {
+        let Steepness { values, slopes } = terrain.steepness;
+        let mut group = Group {
+            low: values[0],
+            high: values[1],
+            slope: slopes.map(|[least, most]| least.abs().max(most.abs())),
+            uneven: slopes.map(|[least, most]| 0.5 * (most - least)),
+            has_void: terrain.has_void,
+            ..Group::default()
+        };
+        if group.low > group.high {
+            return group;
+        }
+        group.span = self.pieces.over(group.low, group.high);
+        let Distance { residual, fills_void, tree, storage, leaf_storage, .. } = *self.distance;
+        let has_children = (residual > 0.0 || fills_void) && self.has_children(first);
+        // What lies beneath is off by parts of its own values; averages take part beside borders.
+        let beneath = if has_children { residual } else { 0.0 };
+        let holds_averages = terrain.holds_averages || has_children;
+        let stored = if holds_averages { storage } else { leaf_storage };
+        group.storage = Storage::new(&stored, [group.low, group.high], (beneath, tree));
+        if has_children && fills_void {
+            let [low, high] = [tree[0].min(group.low), tree[1].max(group.high)];
+            group.levels = self.pieces.over(low, high).most;
+        } else if has_children {
+            group.levels =
+                if self.brick.is_piecewise_constant() || residual.is_nan() || residual >= FAR {
+                    self.far_change(&group, residual, tree)
+                } else {
+                    self.change(&group, residual)
+                };
+        }
+        group
+    }
+
+    /// Change by values at most `distance` off, without steps.
+    fn change(&self, group: &Group, distance: f64) -> Change {
+        let span = self.pieces.over(group.low - distance, group.high + distance);
+        span.slope.times(distance)
+    }
+
+    fn far_change(&self, group: &Group, distance: f64, tree: [f64; 2]) -> Change {
+        let low = (group.low - distance).max(tree[0].min(group.low));
+        let high = (group.high + distance).min(tree[1].max(group.high));
+        let span = self.pieces.over(low, high);
+        let by_slope = span.slope.times(distance.min(high - low)).plus(span.jumps);
+        by_slope.min(span.variation.plus(span.jumps))
+    }
+
+    /// Whether an octant that the group reaches into has a child.
+    fn has_children(&self, first: [usize; 3]) -> bool {
+        let half = self.brick.edge / 2;
+        let reaches = |a: usize, upper: bool| {
+            if upper { first[a] + GROUP_EDGE >= half } else { first[a] <= half }
+        };
+        (0..8u8).any(|octant| {
+            self.distance.child_mask >> octant & 1 == 1
+                && (0..3).all(|a| reaches(a, octant >> a & 1 == 1))
+        })
+    }
+}
+
+#[cfg(test)]
+#[path = "relief_tests.rs"]
+mod tests;

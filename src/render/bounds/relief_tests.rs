@@ -1,0 +1,107 @@
+use glam::DVec3;
+use proptest::prelude::*;
+
+use super::*;
+use crate::render::brick::interpolant::DrawnNeighbours;
+use crate::render::march::ray_tests::smooth;
+use crate::render::testing::data::{TestData, UNTIDY_BRICKS, rough};
+use crate::render::transfer::pieces::TransferPieces;
+use crate::scene::Interpolation;
+
+const EDGE: usize = 8;
+/// Far apart from cell to cell, as logarithms are.
+fn wide(level: u32, cell: [i128; 3]) -> f64 {
+    20.0 * (rough(level, cell) - 0.5).powi(3)
+}
+
+fn surveyed(number: usize, leaf: fn(u32, [i128; 3]) -> f64) -> ScaledBrick {
+    let (level, at) = UNTIDY_BRICKS[number];
+    let mut brick = TestData::new(leaf).brick(level, at, EDGE as u32, Interpolation::Linear);
+    let distance = Distance::none([0.0, 1.0]);
+    brick.survey(&TransferPieces::new(&smooth(), |_| 0.0).all, &distance, &mut Surveyor::default());
+    brick
+}
+
+/// A place in group `index` or within one dual cell of it, as far as the brick goes.
+fn place(brick: &ScaledBrick, index: usize, within: [f64; 3]) -> DVec3 {
+    let side = brick.relief.side;
+    let group = [index % side, index / side % side, index / side / side];
+    let along = |a: usize| {
+        let lo = (group[a] * GROUP_EDGE) as f64 - 1.5;
+        let hi = lo + GROUP_EDGE as f64 + 2.0;
+        (lo + within[a] * (hi - lo)).clamp(0.0, EDGE as f64)
+    };
+    DVec3::new(along(0), along(1), along(2))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    #[test]
+    fn groups_bound_values_and_slopes(
+        number in 0..UNTIDY_BRICKS.len(),
+        is_wide in any::<bool>(),
+        places in prop::collection::vec(prop::array::uniform3(0.0..1.0_f64), 200),
+    ) {
+        let brick = surveyed(number, if is_wide { wide } else { rough });
+        let value = |at: DVec3| brick.value_at(at, DrawnNeighbours::ALL);
+        for (index, group) in brick.relief.groups.iter().enumerate() {
+            let mut slopes = [[f64::INFINITY, f64::NEG_INFINITY]; 3];
+            let points = places.iter().map(|within| place(&brick, index, *within));
+            for point in points.clone() {
+                let x = value(point);
+                prop_assert!(x >= group.low - 1e-12 && x <= group.high + 1e-12, "{x} {group:?}");
+                for a in 0..3 {
+                    const STEP: f64 = 1e-6;
+                    let mut next = point;
+                    next[a] += if point[a] < 1.0 { STEP } else { -STEP };
+                    let slope = (value(next) - x) / (next[a] - point[a]);
+                    slopes[a] = [slopes[a][0].min(slope), slopes[a][1].max(slope)];
+                    let steepest = group.slope[a] + 1e-8;
+                    prop_assert!(slope.abs() <= steepest, "{index} {a}: {slope} {group:?}");
+                }
+            }
+            for (a, [least, most]) in slopes.into_iter().enumerate() {
+                prop_assert!(most - least <= 2.0 * group.uneven[a] + 1e-8, "{a} {group:?}");
+            }
+            for (a, b) in points.clone().zip(points.skip(1)) {
+                let most: f64 = (0..3).map(|n| group.slope[n] * (a[n] - b[n]).abs()).sum();
+                prop_assert!((value(a) - value(b)).abs() <= most + 1e-12, "{a} {b} {group:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_near_bounds_values_and_slopes(
+        number in 0..UNTIDY_BRICKS.len(),
+        centre in prop::array::uniform3(0.0..8.0_f64),
+        reach in 0.0..6.0_f64,
+        places in prop::collection::vec(prop::array::uniform3(-1.0..1.0_f64), 100),
+    ) {
+        let brick = surveyed(number, rough);
+        let group = brick.relief.near(centre, reach);
+        let near = |off: &[f64; 3]| {
+            let along = |a: usize| (centre[a] + reach * off[a]).clamp(0.0, EDGE as f64);
+            DVec3::new(along(0), along(1), along(2))
+        };
+        let value = |at: DVec3| brick.value_at(at, DrawnNeighbours::ALL);
+        for pair in places.windows(2) {
+            let (a, b) = (near(&pair[0]), near(&pair[1]));
+            prop_assert!((group.low - 1e-12..=group.high + 1e-12).contains(&value(a)));
+            let most: f64 = (0..3).map(|n| group.slope[n] * (a[n] - b[n]).abs()).sum();
+            prop_assert!((value(a) - value(b)).abs() <= most + 1e-12, "{a} {b} {group:?}");
+        }
+    }
+}
+
+#[test]
+fn slopes_are_close_to_those_there_are() {
+    // Away from borders of levels they are the differences of neighbours, no more.
+    let data = TestData::one_level(|_, cell| if cell[0] == 11 { 1.0 } else { 0.0 });
+    let mut brick = data.brick(0, [1, 0, 1], EDGE as u32, Interpolation::Linear);
+    let distance = Distance::none([0.0, 1.0]);
+    brick.survey(&TransferPieces::new(&smooth(), |_| 0.0).all, &distance, &mut Surveyor::default());
+    let group = brick.relief.group(0);
+    assert_eq!((group.low, group.high, group.slope), (0.0, 1.0, [1.0, 0.0, 0.0]));
+    assert_eq!(group.uneven, [1.0, 0.0, 0.0]);
+}

@@ -1,0 +1,220 @@
+//! How far values are from the source's, as they are stored, and how far they may be off in all.
+
+use crate::render::march::polynomial::Polynomial;
+use crate::render::transfer::rounded::up;
+use crate::scene::Rounding;
+
+/// Rounding in f64 of values, and of means of them.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
+/// Values are as good as 0 that are no farther below it, in x and relative to where 0 lies.
+const AS_GOOD_AS_ZERO: f64 = 1e-12;
+
+/// Bound of the difference that storage makes to x where that is a mean of stored values, as
+/// interpolants are: at most `most`, and at most `base` + `slope`·x. For values of one sign stored
+/// with a relative error, a mean of them is off by no more of its own.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Storage {
+    // Rounded up to f32: bricks have many of these.
+    most: f32,
+    base: f32,
+    slope: f32,
+}
+
+impl Storage {
+    /// The bound for values between `low` and `high`, in place of which the truth has others, no
+    /// more than `beneath` from them and within `tree`.
+    pub(super) fn new(
+        rounding: &Rounding,
+        [low, high]: [f64; 2],
+        (beneath, tree): (f64, [f64; 2]),
+    ) -> Self {
+        let lowest = (low - beneath).max(tree[0].min(low));
+        let highest = (high + beneath).min(tree[1].max(high));
+        // Where neighbours are far larger their share is rounding.
+        let rounded = ROUNDING * low.abs().max(high.abs());
+        let most = rounding.between(lowest, highest) + rounded;
+        let Some([zero, slope]) = rounding.line() else {
+            return Self::at_most(most);
+        };
+        let below = AS_GOOD_AS_ZERO * zero.abs();
+        // What the slope is rounded up by counts from x = `low` on.
+        let steeper = f64::from(up(slope)) - slope;
+        let base = if lowest >= zero - below {
+            slope * (beneath.min(highest - low) + 2.0 * below - zero) + rounded - steeper * low
+        } else {
+            f64::INFINITY
+        };
+        Self { most: up(most), base: up(base), slope: up(slope) }
+    }
+
+    /// The largest difference, wherever x is.
+    pub(super) fn most(&self) -> f64 {
+        f64::from(self.most)
+    }
+
+    /// How much more the difference may be for each unit of x; 0 where only its largest is known.
+    pub(super) fn slope(&self) -> f64 {
+        f64::from(self.slope)
+    }
+
+    /// The bound where no more is known than the largest difference.
+    pub(super) fn at_most(most: f64) -> Self {
+        Self { most: up(most), base: f32::INFINITY, slope: 0.0 }
+    }
+
+    /// The largest difference where x is at most `x`.
+    #[inline]
+    pub(crate) fn up_to(&self, x: f64) -> f64 {
+        (f64::from(self.base) + self.slope() * x).min(self.most()).max(0.0)
+    }
+
+    /// The base of a line of another slope, no less steep, that bounds it from x = `low` on.
+    pub(super) fn base_for(&self, slope: f64, low: f64) -> f64 {
+        f64::from(self.base) + (self.slope() - slope) * low
+    }
+
+    /// What holds for both, and the steeper slope.
+    pub(super) fn max(self, other: Self) -> Self {
+        let is_one = self.slope == other.slope;
+        Self {
+            most: self.most.max(other.most),
+            base: if is_one { self.base.max(other.base) } else { f32::INFINITY },
+            slope: self.slope.max(other.slope),
+        }
+    }
+}
+
+/// How far values along a ray may be off, in x.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Reach {
+    /// How far values may be off by anything but storage.
+    pub(super) others: f64,
+    /// How far values may be off by storage.
+    pub(crate) storage: Storage,
+    /// Whether the truth lies in other cells: beneath, or along other rays.
+    pub(super) is_elsewhere: bool,
+}
+
+/// The most that x may be off more at one place of a stretch, within a dual cell, than at another
+/// as it is stored, per such stretch and per what that is at most. What is trilinear between
+/// numbers within ±1 has slopes of up to 2 along each axis; weights that blend two such beside a
+/// border have slopes of up to 2 along an axis, times a difference of up to 2, for each of a few
+/// levels.
+const DRIFT: f64 = 64.0;
+
+impl Reach {
+    /// The share of a stretch in which truth and `x` may be on different sides of `place`.
+    pub(crate) fn share_across<const N: usize>(&self, x: &Polynomial<N>, place: f64) -> f64 {
+        let [_, reach] = self.near(place);
+        // Of anything else it is not said how it changes along the way. Corners of the cell may be
+        // off by more than what is between them at the place.
+        let drift = if self.is_elsewhere { f64::INFINITY } else { DRIFT * self.storage.most() };
+        x.share_across(place, reach, drift)
+    }
+
+    /// The most that values may be off by, wherever x is.
+    #[inline]
+    pub(crate) fn most(&self) -> f64 {
+        self.others + self.storage.most()
+    }
+
+    /// How far values may be off by storage, and in all, where x may be `place`.
+    pub(crate) fn near(&self, place: f64) -> [f64; 2] {
+        let stored = self.storage.up_to(place + self.most());
+        [stored, self.others + stored]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::scene::{FieldExtrema, Mapping, Scale};
+
+    /// What stored values are off by, relative.
+    const STORED: f64 = 0.01;
+
+    fn scale(number: usize) -> (Scale, [f64; 2]) {
+        [
+            (Scale::Linear, [0.0, 50.0]),
+            (Scale::Linear, [-20.0, 5.0]),
+            (Scale::Linear, [3.0, 9.0]),
+            (Scale::Log10, [1e-2, 1e3]),
+            (Scale::Symlog { linthresh: 2.0 }, [-5.0, 50.0]),
+        ][number]
+    }
+
+    #[test]
+    fn lines_of_several_slopes_are_joined() {
+        let flat = Storage { most: 4.0, base: 0.5, slope: 0.0 };
+        let steep = Storage { most: 3.0, base: 1.0, slope: 0.25 };
+        let both = flat.max(steep);
+        let (low, count) = (-3.0, 100);
+        for n in 0..=count {
+            let x = low + 10.0 * f64::from(n) / f64::from(count);
+            assert!(both.up_to(x) >= flat.up_to(x).max(steep.up_to(x)), "{x}");
+            for own in [flat, steep] {
+                let line = own.base_for(both.slope(), low) + both.slope() * x;
+                assert!(line >= 0.0 && line.min(own.most()) >= own.up_to(x), "{x}");
+            }
+        }
+        assert_eq!(steep.max(Storage { base: 2.0, ..steep }), Storage { base: 2.0, ..steep });
+    }
+
+    #[test]
+    fn steps_are_crossed_on_one_side_by_what_is_stored_alone() {
+        let storage = Storage::at_most(1e-4);
+        let x = Polynomial([0.0, 1.0]);
+        let own = Reach { others: 0.0, storage, is_elsewhere: false };
+        assert!((own.share_across(&x, 0.5) - 1e-4).abs() < 1e-8);
+        let elsewhere = Reach { is_elsewhere: true, ..own };
+        assert!((elsewhere.share_across(&x, 0.5) - 2e-4).abs() < 1e-8);
+    }
+
+    proptest! {
+        /// Means of mapped values, stored ones and the source's, at most `beneath` apart but for
+        /// storage.
+        #[test]
+        fn means_are_off_by_no_more(
+            number in 0..5_usize,
+            values in prop::collection::vec((-1.0..1.0_f64, -1.0..1.0_f64, -1.0..1.0_f64), 8),
+            weights in prop::collection::vec(0.01..1.0_f64, 8),
+            sign in 0..3_usize,
+            apart in 0.0..2.0_f64,
+        ) {
+            let (scale, range) = scale(number);
+            let extrema = FieldExtrema { minimum: -60.0, maximum: 60.0, smallest_positive: Some(1e-3) };
+            let mapping = Mapping::new(scale, Some(range), extrema, 1.0).unwrap();
+            let rounding = mapping.rounding(STORED, 0.0);
+            let log10_floor = if scale == Scale::Log10 { 1e-2 } else { 0.0 };
+            let value = |v: f64| match sign {
+                0 => v,
+                1 => v.abs(),
+                _ => -v.abs(),
+            } * 50.0 + log10_floor;
+            let (mut own, mut beneath) = (Vec::new(), 0.0_f64);
+            let (mut drawn, mut truth, mut total) = (0.0, 0.0, 0.0);
+            for ((v, finer, off), weight) in values.iter().zip(&weights) {
+                let x = mapping.unclamped(value(*v));
+                let stored = value(*v) + apart * finer;
+                let source = stored / (1.0 + STORED * off);
+                beneath = beneath.max((mapping.unclamped(stored) - x).abs());
+                own.push(x);
+                drawn += weight * x;
+                // By storage alone: both of what is beneath.
+                truth += weight * (mapping.unclamped(source) - mapping.unclamped(stored)).abs();
+                total += weight;
+            }
+            let low = own.iter().copied().fold(f64::INFINITY, f64::min);
+            let high = own.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let storage = Storage::new(&rounding, [low, high], (beneath, [f64::NEG_INFINITY, f64::INFINITY]));
+            let (bound, off) = (storage.up_to(drawn / total), truth / total);
+            prop_assert!(off <= bound * (1.0 + 1e-9), "{off:e} {bound:e} {storage:?}");
+            // It is no more than it takes.
+            if beneath == 0.0 && low > 0.0 && scale == Scale::Linear && range[0] == 0.0 {
+                prop_assert!(bound <= 1.02 * STORED * drawn / total);
+            }
+        }
+    }
+}

@@ -1,0 +1,18 @@
+//! Bricks as rays march through them: read, filled, mapped, and in fewer cells than they have.
+
+pub(super) mod blocks;
+mod cell_shades;
+mod fill;
+mod halves;
+pub mod interpolant;
+#[cfg(test)]
+mod interpolant_tests;
+pub(super) mod load;
+pub(super) mod margin;
+#[cfg(test)]
+mod margin_tests;
+pub(super) mod preload;
+pub mod scaled;
+#[cfg(test)]
+mod scaled_tests;
+pub(super) mod thin;

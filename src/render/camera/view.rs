@@ -1,0 +1,241 @@
+//! The camera: exact positions, and which ray belongs to which place of the picture.
+
+use glam::{BVec3, DVec2, DVec3};
+
+use super::axis::axis_point;
+use super::frame::Frame;
+use crate::scene::{CameraSettings, Projection, Scene};
+use crate::space::{Domain, FRACTION_BITS, Position};
+use crate::{Error, Result};
+
+/// An `up` closer to the view direction than this (sine of the angle) has no direction left.
+const SMALLEST_SINE: f64 = 1e-12;
+/// What rounding leaves of sums that cancel, relative to their terms.
+const NOTHING: f64 = 8.0 * f64::EPSILON;
+
+/// The camera's directions: orthonormal to rounding.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Basis {
+    /// The view direction.
+    pub(crate) forward: DVec3,
+    /// To the right in the picture.
+    pub(crate) right: DVec3,
+    /// Up in the picture.
+    pub(crate) up: DVec3,
+}
+
+impl Basis {
+    /// The ray through (P, Q) = `plane`.
+    #[inline]
+    pub(super) fn aim(&self, plane: DVec2, is_perspective: bool) -> Aim {
+        let along = self.forward + self.aside(plane);
+        let length = if is_perspective { along.length() } else { 1.0 };
+        Aim { plane, length, stays: self.stays(plane, is_perspective).any() }
+    }
+
+    /// From the view axis to (P, Q) = `plane`, at a depth of 1.
+    #[inline]
+    pub(super) fn aside(&self, plane: DVec2) -> DVec3 {
+        self.right * plane.x + self.up * plane.y
+    }
+
+    /// Along which axes the ray through (P, Q) = `plane` does not move, but for rounding.
+    pub(super) fn stays(&self, plane: DVec2, is_perspective: bool) -> BVec3 {
+        if !is_perspective {
+            return self.forward.cmpeq(DVec3::ZERO);
+        }
+        let along = self.forward + self.aside(plane);
+        along.abs().cmple(self.forward.abs() * NOTHING + nothing_of(plane))
+    }
+}
+
+/// What rounding leaves of a sum of parts of `right` and `up` that is nothing.
+pub(super) fn nothing_of(plane: DVec2) -> f64 {
+    NOTHING * (plane.x.abs() + plane.y.abs())
+}
+
+/// A ray, as far as it is the same in all frames.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Aim {
+    /// (P, Q).
+    pub(crate) plane: DVec2,
+    /// How long the way along it is for each unit of depth.
+    pub(crate) length: f64,
+    /// Whether there is an axis that it does not move along.
+    pub(super) stays: bool,
+}
+
+/// A camera in a domain, with the picture's size. Places of the image plane are (P, Q): the ray
+/// of a perspective view runs along `forward + right·P + up·Q` from the eye, that of an
+/// orthographic one along `forward` through `position + right·P + up·Q` (code length).
+#[derive(Debug, Clone)]
+pub struct View {
+    domain: Domain,
+    width: u32,
+    height: u32,
+    position: Position,
+    look_at: Position,
+    /// |look_at − position|, code length.
+    distance: f64,
+    basis: Basis,
+    is_perspective: bool,
+    /// P and Q at the picture's right and upper edge.
+    half: DVec2,
+}
+
+impl View {
+    /// The camera of `scene` in `domain`.
+    ///
+    /// # Errors
+    /// Positions out of range, `look_at` at `position` (to the precision of positions), and an
+    /// `up` along the view.
+    pub fn new(scene: &Scene, domain: &Domain) -> Result<Self> {
+        Self::from_camera(&scene.camera, scene.image.width, scene.image.height, domain)
+    }
+
+    /// The camera in `domain`, for a picture of `width`×`height` pixels.
+    ///
+    /// # Errors
+    /// Whatever [`Self::new`] says of the camera.
+    pub(super) fn from_camera(
+        camera: &CameraSettings,
+        width: u32,
+        height: u32,
+        domain: &Domain,
+    ) -> Result<Self> {
+        let position = domain.position(&camera.position)?;
+        let look_at = domain.position(&camera.look_at)?;
+        if position == look_at {
+            return Err(Error::request(
+                "camera: look_at is position (to 2^-96 of a root cell): move one of them",
+            ));
+        }
+        let ahead = domain.difference(&look_at, &position);
+        let (is_perspective, half_height) = match camera.projection {
+            // fov/2 in radians, in one rounding, so that tiny angles stay precise.
+            Projection::Perspective { fov_degrees } => {
+                (true, (fov_degrees * (std::f64::consts::PI / 360.0)).tan())
+            }
+            Projection::Orthographic { height } => (false, 0.5 * height),
+        };
+        let aspect = f64::from(width) / f64::from(height);
+        if !(half_height > 0.0 && half_height.is_finite() && aspect > 0.0 && aspect.is_finite()) {
+            return Err(Error::request("camera: the view has no height or width"));
+        }
+        Ok(Self {
+            domain: domain.clone(),
+            width,
+            height,
+            position,
+            look_at,
+            distance: ahead.length(),
+            basis: basis(ahead, camera.up)?,
+            is_perspective,
+            half: DVec2::new(f64::from(width) * half_height / f64::from(height), half_height),
+        })
+    }
+
+    /// Pixels in a row.
+    pub fn width(&self) -> u32 {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+
+    /// The ray through (P, Q) = `plane`.
+    pub(super) fn aim(&self, plane: DVec2) -> Aim {
+        self.basis.aim(plane, self.is_perspective)
+    }
+
+    /// (P, Q) of a place in pixels from the picture's left and upper edge: i + ½ and j + ½ for
+    /// the centre of pixel (i, j).
+    pub fn plane(&self, x_pixels: f64, y_pixels: f64) -> DVec2 {
+        self.plane_in([2.0 * x_pixels, 2.0 * y_pixels], 1.0)
+    }
+
+    /// (P, Q) of a place in halves of a pixel's `per`-th, from the picture's left and upper edge.
+    /// Where these are whole numbers, P and Q are rounded once, or twice if the view's height takes
+    /// many bits: rays that lie in faces of cells do so exactly.
+    pub(super) fn plane_in(&self, [x, y]: [f64; 2], per: f64) -> DVec2 {
+        let (width, height) = (per * f64::from(self.width), per * f64::from(self.height));
+        DVec2::new((x - width) * self.half.y / height, (height - y) * self.half.y / height)
+    }
+
+    /// P and Q at the picture's right and upper edge; the others are their negatives.
+    pub fn plane_half_size(&self) -> DVec2 {
+        self.half
+    }
+
+    /// The frame of a brick of `size_cells`³ cells of octree level `octree` with its lowest
+    /// corner at `corner`: anchored at the exact point of the view axis that is closest to the
+    /// brick's centre (of those not behind the eye, in a perspective view).
+    pub fn frame(&self, corner: &Position, octree: i32, size_cells: f64) -> Frame {
+        let cells_per_unit = f64::from(octree - FRACTION_BITS as i32).exp2();
+        let half = (0.5 * size_cells / cells_per_unit) as i128;
+        let centre = Position(corner.0.map(|c| c.saturating_add(half)));
+        let ahead = self.domain.difference(&self.look_at, &self.position);
+        let foot = self.domain.difference(&centre, &self.position).dot(ahead);
+        let t = foot / self.distance / self.distance;
+        let t = if t.is_finite() && !(self.is_perspective && t < 0.0) { t } else { 0.0 };
+        let anchor = axis_point(&self.position, &self.look_at, t);
+        let cell_width = self.domain.cell_width(octree);
+        let from_corner = |place: &Position| -> [i128; 3] {
+            std::array::from_fn(|a| place.0[a].saturating_sub(corner.0[a]))
+        };
+        let anchor_units = from_corner(&anchor);
+        Frame {
+            anchor: DVec3::from_array(anchor_units.map(|units| units as f64 * cells_per_unit)),
+            start_units: if self.is_perspective {
+                from_corner(&self.position)
+            } else {
+                anchor_units
+            },
+            cells_per_unit,
+            depth: t * self.distance,
+            cell_width,
+            cells_per_length: cell_width.recip(),
+            basis: self.basis,
+            is_perspective: self.is_perspective,
+        }
+    }
+
+    /// The order in which a box's octants are met, as a mask: octants `o ^ mask` for o in 0..8
+    /// run front to back, for the box (or brick) centred at `centre`, whatever the ray.
+    pub fn octant_order(&self, centre: &Position) -> u8 {
+        (0..3).fold(0, |mask, a| {
+            let upper_first = if self.is_perspective {
+                self.position.0[a] >= centre.0[a]
+            } else {
+                self.look_at.0[a] < self.position.0[a]
+            };
+            mask | u8::from(upper_first) << a
+        })
+    }
+
+    /// Height of a pixel's footprint at `depth` (code length along the view direction from the
+    /// eye), code length; 0 behind the eye of a perspective view.
+    pub fn pixel_size_at(&self, depth: f64) -> f64 {
+        let pixel = 2.0 * self.half.y / f64::from(self.height);
+        if self.is_perspective { pixel * depth.max(0.0) } else { pixel }
+    }
+}
+
+/// Directions from the view direction and `up`, of any lengths.
+fn basis(ahead: DVec3, up: DVec3) -> Result<Basis> {
+    let up = up / up.abs().max_element();
+    let forward = ahead.normalize();
+    let across = forward.cross(up.normalize());
+    if across.length() <= SMALLEST_SINE || !across.is_finite() {
+        return Err(Error::request("camera: up points along the view: choose another direction"));
+    }
+    // The cross product of nearly parallel vectors is orthogonal only after a second pass.
+    let across = across.normalize();
+    let right = (across - forward * across.dot(forward)).normalize();
+    // Along an axis it is exactly that, so that rays can lie in faces of cells.
+    let is_across = forward.dot(up) == 0.0;
+    let above = if is_across { up.normalize() } else { right.cross(forward).normalize() };
+    Ok(Basis { forward, right, up: above })
+}

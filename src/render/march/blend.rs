@@ -1,0 +1,198 @@
+//! The march beside borders of levels: in each half cell, between the places where two distances
+//! from the cell's centre are equal, every level's weight is linear and the interpolant one
+//! polynomial.
+
+use super::absorb::Integrator;
+use super::polynomial::Polynomial;
+use super::walk::Step;
+use crate::cache::state;
+use crate::render::brick::interpolant::{Cube, DrawnNeighbours, weight};
+use crate::render::brick::scaled::ScaledBrick;
+use crate::render::camera::frame::LocalRay;
+
+/// Coefficients of a blended polynomial: a cubic times the weights of four levels.
+const DEGREES: usize = 8;
+/// s⁸ is replaced by the polynomial of degree 7 closest to it over [0, 1] (s⁸ less the shifted
+/// Chebyshev polynomial T*₈ / 2¹⁵). Weights of so many levels vary so little along a piece that
+/// this is below rounding to f32.
+const EIGHTH_POWER: [f64; DEGREES] = [
+    -1.0 / 32768.0,
+    128.0 / 32768.0,
+    -2688.0 / 32768.0,
+    21504.0 / 32768.0,
+    -84480.0 / 32768.0,
+    180_224.0 / 32768.0,
+    -212_992.0 / 32768.0,
+    131_072.0 / 32768.0,
+];
+
+/// A dual cell whose eight cells are not alike: cut at their faces.
+#[cold]
+pub(super) fn march_mixed(
+    brick: &ScaledBrick,
+    drawn: DrawnNeighbours,
+    ray: &LocalRay,
+    step: &Step,
+    rungs: &mut Vec<Rung>,
+    integrator: &mut Integrator<'_>,
+) {
+    let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
+    let mut cuts = [step.from; 5];
+    for a in 0..3 {
+        let sigma = (f64::from(step.cell[a]) - origin[a]) / direction[a];
+        cuts[a + 1] = if sigma.is_finite() { sigma.clamp(step.from, step.to) } else { step.from };
+    }
+    cuts[4] = step.to;
+    cuts.sort_unstable_by(f64::total_cmp);
+    let at = |sigma: f64| -> [f64; 3] { std::array::from_fn(|a| origin[a] + direction[a] * sigma) };
+    for ends in cuts.windows(2).filter(|ends| ends[0] < ends[1]) {
+        let middle = at(0.5 * (ends[0] + ends[1]));
+        let cell: [usize; 3] = std::array::from_fn(|a| {
+            let cell = step.cell[a] - i32::from(middle[a] < f64::from(step.cell[a]));
+            cell.clamp(0, brick.edge as i32 - 1) as usize
+        });
+        let own = &brick.blocks[0];
+        if own.states[own.at(cell.map(|c| c + 1))] & state::VOID == 0 {
+            let line = [at(ends[0]), at(ends[1])];
+            let length = (ends[1] - ends[0]) * ray.length;
+            Ladder::new((brick, drawn), cell, line, length, rungs).march(integrator);
+        }
+    }
+}
+
+/// Most kinks looked at: three for each of eight levels.
+const KINKS: usize = 24;
+
+/// One level in an octant of a half cell, along the ray's stretch in it.
+#[derive(Clone, Copy)]
+pub(super) struct Rung {
+    /// Which cells exist, as in [`Cube`].
+    exists: u8,
+    /// Distances from the cell's centre at the stretch's beginning, and how much these grow.
+    from: [f64; 3],
+    run: [f64; 3],
+    /// The level's own interpolant.
+    cubic: [f64; 4],
+}
+
+/// The levels that an octant of a half cell blends, from the finest on.
+struct Ladder<'r> {
+    rungs: &'r [Rung],
+    /// The stretch's length, code length.
+    length: f64,
+}
+
+impl<'r> Ladder<'r> {
+    /// The ladder of the octant of `cell` that holds the stretch from `line[0]` to `line[1]` (local
+    /// cells), `length` code lengths long; in the memory of `rungs`.
+    fn new(
+        (brick, drawn): (&ScaledBrick, DrawnNeighbours),
+        cell: [usize; 3],
+        line: [[f64; 3]; 2],
+        length: f64,
+        rungs: &'r mut Vec<Rung>,
+    ) -> Self {
+        let middle = std::array::from_fn(|a| 0.5 * (line[0][a] + line[1][a]));
+        rungs.clear();
+        for up in 0..brick.used {
+            let octant = brick.octant(up, cell, middle);
+            let cube = brick.cube(&octant, drawn);
+            let is_last = cube.exists == Cube::COMPLETE || up + 1 == brick.used;
+            if cube.exists & 1 == 1 || is_last {
+                let from = brick.distances(&octant, line[0]);
+                let to = brick.distances(&octant, line[1]);
+                let run = std::array::from_fn(|a| to[a] - from[a]);
+                let Polynomial(cubic) = Polynomial::along_line(&cube.values, from, to);
+                rungs.push(Rung { exists: cube.exists, from, run, cubic });
+            }
+            if is_last {
+                break;
+            }
+        }
+        Self { rungs, length }
+    }
+
+    fn march(&self, integrator: &mut Integrator<'_>) {
+        let (cuts, count) = self.kinks();
+        for ends in cuts[..count].windows(2).filter(|ends| ends[0] < ends[1]) {
+            let ends = [ends[0], ends[1]];
+            // As it is where two levels meet.
+            if self.rungs.len() <= 2 {
+                self.march_piece::<5>(ends, integrator);
+            } else {
+                self.march_piece::<DEGREES>(ends, integrator);
+            }
+        }
+    }
+
+    fn march_piece<const N: usize>(&self, [from, to]: [f64; 2], integrator: &mut Integrator<'_>) {
+        let x = self.blended::<N>([from, to]).part(from, to);
+        integrator.along(&x, (to - from) * self.length);
+    }
+
+    /// 0, the s in order where some level's weight may bend, and 1; and how many these are.
+    fn kinks(&self) -> ([f64; KINKS + 2], usize) {
+        let mut cuts = [1.0; KINKS + 2];
+        cuts[0] = 0.0;
+        let mut count = 1;
+        for Rung { from, run, .. } in self.rungs.iter().filter(|rung| rung.is_blended()) {
+            for (a, b) in [(0, 1), (1, 2), (2, 0)] {
+                let (before, rise) = (from[a] - from[b], run[a] - run[b]);
+                if before * (before + rise) < 0.0 && count <= KINKS {
+                    cuts[count] = -before / rise;
+                    count += 1;
+                }
+            }
+        }
+        if count > 2 {
+            cuts[1..count].sort_unstable_by(f64::total_cmp);
+        }
+        (cuts, count + 1)
+    }
+
+    /// The interpolant in terms of the whole stretch's s, as it is over `ends`, between which no
+    /// weight bends: from the coarsest level on, each blended in by its weight.
+    fn blended<const N: usize>(&self, ends: [f64; 2]) -> Polynomial<N> {
+        let mut sum = [0.0; N];
+        for (number, rung) in self.rungs.iter().enumerate().rev() {
+            if number + 1 == self.rungs.len() {
+                sum[..4].copy_from_slice(&rung.cubic);
+            } else {
+                blend_in(&mut sum, &rung.cubic, rung.weight(ends));
+            }
+        }
+        Polynomial(sum)
+    }
+}
+
+impl Rung {
+    fn is_blended(&self) -> bool {
+        self.exists != Cube::COMPLETE && self.exists & 1 == 1
+    }
+
+    /// The weight over `ends`, between which it does not bend: at s = 0 were it so there too, and
+    /// its slope.
+    fn weight(&self, [from, to]: [f64; 2]) -> [f64; 2] {
+        let at = |s: f64| weight(self.exists, [0, 1, 2].map(|a| self.from[a] + s * self.run[a]));
+        let (start, end) = (at(from), at(to));
+        let slope = (end - start) / (to - from);
+        [start - slope * from, slope]
+    }
+}
+
+/// `sum` + `(weight[0] + weight[1]·s) · (level − sum)`.
+#[inline]
+fn blend_in<const N: usize>(sum: &mut [f64; N], level: &[f64; 4], weight: [f64; 2]) {
+    let mut lower = 0.0;
+    for (k, sum) in sum.iter_mut().enumerate() {
+        let difference = level.get(k).copied().unwrap_or(0.0) - *sum;
+        *sum += weight[0] * difference + weight[1] * lower;
+        lower = difference;
+    }
+    let excess = weight[1] * lower;
+    if excess != 0.0 && N == DEGREES {
+        for (sum, share) in sum.iter_mut().zip(&EIGHTH_POWER) {
+            *sum += excess * share;
+        }
+    }
+}

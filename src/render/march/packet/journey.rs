@@ -1,0 +1,243 @@
+//! The way of a packet through interpolated cells.
+#![allow(clippy::needless_range_loop)]
+
+use super::blended::{Along, Bends, Part, is_crooked};
+use super::cube::{Cube, Skew};
+use super::gain::{Steep, Stretch};
+use super::rows::is_less;
+use super::square::{Shift, Squares};
+use super::sums::Sums;
+use super::walk::Walk;
+use super::{Ground, Packet, UNFIT, add_off, go_on, unpacked};
+use crate::lanes::Lanes;
+use crate::render::brick::scaled::dual;
+
+/// Marches rays on until each has left the brick or faded, or has come to a cell that is not fit:
+/// the last are active then.
+#[inline(always)]
+pub(super) fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
+    l: L,
+    ground: &Ground<'_>,
+    packet: &mut Packet,
+) {
+    let mut journey = Journey::new(l, ground, packet);
+    loop {
+        let cell = journey.look::<BLENDED>();
+        if l.bits(journey.active) == 0 {
+            break;
+        }
+        journey.pass::<ABSORBS, BLENDED>(&cell);
+    }
+    journey.end();
+}
+
+/// Rays on their way.
+struct Journey<'m, L: Lanes> {
+    l: L,
+    ground: &'m Ground<'m>,
+    packet: &'m mut Packet,
+    walk: Walk<L>,
+    bends: Bends<L>,
+    skew: Skew<L>,
+    sums: Sums<L>,
+    squares: Squares<L>,
+    thickness: L::Float,
+    allowed: L::Float,
+    fade: L::Float,
+    active: L::Mask,
+    /// Rays that have come to cells that are not fit for packets.
+    stopped: L::Mask,
+}
+
+/// The cells that rays have come to.
+struct Place<L: Lanes> {
+    group: L::Index,
+    /// What is known of the group, as [`Ground::rows`] has it.
+    row: [L::Float; 8],
+    /// Their numbers among dual cells.
+    duals: L::Index,
+}
+
+impl<'m, L: Lanes> Journey<'m, L> {
+    #[inline(always)]
+    fn new(l: L, ground: &'m Ground<'m>, packet: &'m mut Packet) -> Self {
+        let walk = Walk::new(l, ground, packet);
+        Self {
+            l,
+            ground,
+            bends: Bends::new(l, walk.direction()),
+            skew: Skew::new(l, walk.direction()),
+            walk,
+            sums: Sums::load(l, packet),
+            squares: Squares::load(l, packet),
+            thickness: l.load(&packet.thickness),
+            allowed: l.load(&packet.allowed),
+            fade: l.load(&packet.fade),
+            active: l.mask(packet.active),
+            stopped: l.mask(0),
+            packet,
+        }
+    }
+
+    /// Finds the cells that rays have come to, and stops those that may not pass theirs.
+    #[inline(always)]
+    fn look<const BLENDED: bool>(&mut self) -> Place<L> {
+        let Self { l, ground, .. } = *self;
+        let group = self.walk.group(ground.groups);
+        let row = l.gather_row(ground.rows, group);
+        let mut unfit = l.is_index(l.bits_of(row[4]), UNFIT);
+        let duals = self.walk.index(l.splat((ground.side - 1) as f32));
+        if !ground.kinds.is_empty() {
+            let kind = l.gather_bytes(ground.kinds, duals);
+            let expected = if BLENDED { dual::BLENDED } else { dual::PLAIN };
+            let fit = l.without(l.is_index(kind, u32::from(expected)), unfit);
+            unfit = l.without(l.mask(!0), fit);
+        }
+        let stops = l.and(self.active, unfit);
+        self.stopped = l.mask(l.bits(self.stopped) | l.bits(stops));
+        self.active = l.without(self.active, unfit);
+        Place { group, row, duals }
+    }
+
+    /// Passes the cells at `place`, and goes on to the next.
+    #[inline(always)]
+    fn pass<const ABSORBS: bool, const BLENDED: bool>(&mut self, place: &Place<L>) {
+        let Self { l, ground, active, .. } = *self;
+        let side = l.splat(ground.side as f32);
+        let cube = Cube::new(l, (ground.values, ground.side), self.walk.index(side));
+        self.walk.locate();
+        let exit = self.walk.exit(self.walk.planes());
+        let way = l.select(active, exit.way, l.splat(0.0));
+        let [emission_off, extinction_off] = unpacked(l, l.bits_of(place.row[4]), active);
+        let stretch = Stretch {
+            cube: &cube,
+            bend: cube.bend(l, &self.skew, (self.walk.place, way)),
+            part: None,
+            place: self.walk.place,
+            direction: self.walk.direction(),
+            from: l.splat(0.0),
+            way,
+            thickness: self.thickness,
+            rate: extinction_off,
+            stored: [place.row[0], place.row[1], place.row[2], place.row[3]],
+        };
+        let shift = self.shift::<BLENDED>(place, way);
+        let steep = if BLENDED {
+            self.pass_blended::<ABSORBS>(&stretch, place.duals, &shift)
+        } else {
+            self.pass_plain::<ABSORBS>(&stretch, &shift)
+        };
+        let rates = [emission_off, extinction_off];
+        self.sums.off = add_off::<L, ABSORBS>(l, self.sums.off, rates, steep.lit, way);
+        self.add_known::<ABSORBS>(place, &stretch, steep);
+        let depth = (self.sums.depth, self.fade);
+        self.active = go_on::<L, ABSORBS>(l, &mut self.walk, &exit, active, depth);
+    }
+
+    /// How far other rays of squares are, if rays stand for such.
+    #[inline(always)]
+    fn shift<const BLENDED: bool>(&self, place: &Place<L>, way: L::Float) -> Shift<L> {
+        if self.ground.reliefs.is_empty() {
+            return Shift::none(self.l);
+        }
+        self.squares.shift(self.l, self.ground, (&self.walk, way, place.group), BLENDED)
+    }
+
+    /// Passes cells whose interpolant is the level's own.
+    #[inline(always)]
+    fn pass_plain<const ABSORBS: bool>(
+        &mut self,
+        stretch: &Stretch<'_, L>,
+        shift: &Shift<L>,
+    ) -> Steep<L> {
+        let Self { l, ground, active, .. } = *self;
+        let passed = self.sums.pass::<ABSORBS>(l, ground, (self.allowed, active), stretch);
+        self.packet.count += passed.count;
+        if !ground.reliefs.is_empty() {
+            shift.add::<ABSORBS>(l, ground, self.packet, (&passed, stretch.way), active);
+        }
+        passed.steep
+    }
+
+    /// Passes cells beside borders of levels, cut where weights of levels bend.
+    #[inline(always)]
+    fn pass_blended<const ABSORBS: bool>(
+        &mut self,
+        stretch: &Stretch<'_, L>,
+        duals: L::Index,
+        shift: &Shift<L>,
+    ) -> Steep<L> {
+        let Self { l, ground, active, allowed, .. } = *self;
+        let (zero, way) = (l.splat(0.0), stretch.way);
+        let mut steep = Steep::none(l);
+        let exists = l.gather_bytes(ground.corners, duals);
+        let crooked = l.and(active, is_crooked(l, exists));
+        let (mut from, mut ahead) = (zero, active);
+        while l.bits(ahead) != 0 {
+            let to = self.bends.next(l, self.walk.place, [from, way], crooked);
+            let length = l.max(l.select(ahead, l.sub(to, from), zero), zero);
+            let middle = self.walk.behind(l.fma(length, l.splat(0.5), from));
+            let along = Along { from: self.walk.behind(from), middle, length, skew: &self.skew };
+            let part = Part::new(l, ground, (&self.walk.cell, exists, ahead), along);
+            let bend = stretch.cube.bend(l, &self.skew, (along.from, length));
+            let stretch = Stretch { bend, part: Some(&part), from, way: length, ..*stretch };
+            let passed = self.sums.pass::<ABSORBS>(l, ground, (allowed, ahead), &stretch);
+            self.packet.count += passed.count;
+            if !ground.reliefs.is_empty() {
+                shift.add::<ABSORBS>(l, ground, self.packet, (&passed, length), ahead);
+            }
+            steep.add::<ABSORBS>(l, &passed.steep);
+            ahead = l.and(ahead, is_less(l, to, way));
+            from = l.select(ahead, to, from);
+        }
+        steep
+    }
+
+    /// Adds what levels and stored values make of what was passed.
+    #[inline(always)]
+    fn add_known<const ABSORBS: bool>(
+        &mut self,
+        place: &Place<L>,
+        Stretch { way, stored, .. }: &Stretch<'_, L>,
+        mut steep: Steep<L>,
+    ) {
+        let Self { l, ground, active, .. } = *self;
+        if !ground.levels.is_empty() {
+            let levels = l.bits_of(place.row[if ground.are_proxies { 6 } else { 5 }]);
+            let rates = unpacked(l, levels, active);
+            self.sums.levels = add_off::<L, ABSORBS>(l, self.sums.levels, rates, steep.lit, *way);
+        }
+        if ground.are_proxies {
+            // Others' values are not those that were met.
+            steep.slopes = [l.splat(f32::MAX); 3];
+        }
+        let row = (*stored, active);
+        self.sums.stored = add_stored::<L, ABSORBS>(l, self.sums.stored, row, &steep, *way);
+    }
+
+    #[inline(always)]
+    fn end(self) {
+        self.sums.store(self.l, self.packet);
+        self.walk.store(self.packet);
+        self.packet.active = self.l.bits(self.stopped);
+    }
+}
+
+/// Adds what values in a group that are stored as `row` says make over `way`, in active lanes: by
+/// the group's steepest slopes, or by those that were met.
+#[inline(always)]
+fn add_stored<L: Lanes, const ABSORBS: bool>(
+    l: L,
+    mut sums: [L::Float; 3],
+    (row, active): ([L::Float; 4], L::Mask),
+    Steep { lit, slopes }: &Steep<L>,
+    way: L::Float,
+) -> [L::Float; 3] {
+    let [emission, extinction, ..] = row;
+    let of_group = [l.mul(emission, *lit), l.mul(extinction, *lit), l.mul(extinction, way)];
+    for n in 0..if ABSORBS { 3 } else { 1 } {
+        let least = l.min(of_group[n], slopes[n]);
+        sums[n] = l.add(sums[n], l.select(active, least, l.splat(0.0)));
+    }
+    sums
+}

@@ -1,0 +1,317 @@
+//! A packet on its way through a brick: rays board it, and get what it has gathered for them.
+
+use super::cell_walk::CellWalk;
+use super::seats::{Seats, SetOff, split};
+use super::{Accounts, Passenger, Place, Rays, lanes};
+use crate::lanes::{MOST_LANES, Row, Width};
+use crate::render::bounds::ledger::Ledger;
+use crate::render::bounds::ray_error::{RayError, Sums};
+use crate::render::march::absorb::Integrator;
+use crate::render::march::linear::pass_dual_cell;
+use crate::render::march::packet::{Ground, March, Packet, SLACK};
+use crate::render::march::ray::{Beam, Spread, arrive, leave, march, spread_of};
+use crate::render::march::ray_state::RayState;
+
+/// What rounding of f32 may take off sums of errors.
+const ROUNDED_UP: f64 = 1.0 + 1e-5;
+
+/// A packet and whose rays are in its lanes.
+#[derive(Debug)]
+pub(super) struct Cabin {
+    packet: Packet,
+    seats: Seats,
+    /// The squares that rays stand for, if they do, of all lanes.
+    squares: Vec<Aboard>,
+    /// Whether rays are marched in place of others.
+    are_proxies: bool,
+}
+
+/// A square whose ray is in a lane: how far it is spread, and its account at the start.
+#[derive(Debug)]
+struct Aboard {
+    beam: Beam,
+    spread: Spread,
+    before: RayError,
+}
+
+impl Cabin {
+    /// An empty packet.
+    pub(super) fn new() -> Self {
+        let squares = Vec::with_capacity(MOST_LANES);
+        Self { packet: Packet::new(), seats: Seats::new(), squares, are_proxies: false }
+    }
+
+    /// Most heap bytes.
+    pub(super) fn bytes() -> usize {
+        MOST_LANES * size_of::<Aboard>()
+    }
+
+    /// Takes rays, as many as there are lanes at most, through the brick. Returns the number of
+    /// stretches. With `all_plain` all cells may be passed as plain ones.
+    pub(super) fn travel(
+        &mut self,
+        place: &Place<'_>,
+        (ground, width, all_plain): (&Ground<'_>, Width, bool),
+        (rays, accounts): (&[Passenger], Accounts<'_>),
+        film: &mut Rays<'_>,
+    ) -> u64 {
+        let mut single = self.board(place, width, (rays, accounts), film);
+        let aboard = self.packet.active;
+        if all_plain && aboard != 0 {
+            width.run(March { ground, packet: &mut self.packet, blended: false });
+        }
+        let has_accounts = accounts.are_kept();
+        while self.packet.active != 0 {
+            for blended in [false, true] {
+                self.go(ground, width, blended);
+            }
+            if self.are_proxies {
+                self.give_up(ground, rays, film);
+            }
+            for lane in lanes(self.packet.active) {
+                if ground.fit(self.packet.cell(lane)).is_none() {
+                    let index = rays[lane].index;
+                    self.settle(place, (lane, index), has_accounts, film);
+                    self.clear(place, lane, &film.states[index]);
+                    single += self.pass_alone(place, ground, (lane, index), has_accounts, film);
+                }
+            }
+        }
+        for lane in lanes(aboard) {
+            let index = rays[lane].index;
+            self.settle(place, (lane, index), has_accounts, film);
+            if let Some(Aboard { beam, before, .. }) = self.squares.get(lane) {
+                let (state, error) = (&mut film.states[index], &mut film.errors[index]);
+                leave(Some(self.seats.span(lane)), beam, state, (error, before));
+            }
+        }
+        self.packet.count + single
+    }
+
+    /// Takes in rays that meet the brick; those that may not go in packets are marched at once.
+    /// Returns for how many stretches.
+    fn board(
+        &mut self,
+        place: &Place<'_>,
+        width: Width,
+        (rays, accounts): (&[Passenger], Accounts<'_>),
+        film: &mut Rays<'_>,
+    ) -> u64 {
+        let Self { packet, seats, squares, .. } = self;
+        squares.clear();
+        seats.take(rays);
+        let Place { region, range, shift, .. } = place;
+        let (shift, count) = (*shift, rays.len());
+        let met = width.run(SetOff { region, range, shift, seats, packet, count });
+        (packet.active, packet.count) = (met, 0);
+        packet.clear_sums();
+        let mut single = 0;
+        self.are_proxies = matches!(accounts, Accounts::Proxies(_));
+        for (lane, (passenger, beam)) in rays.iter().zip(accounts.squares()).enumerate() {
+            single += self.take_square(place, (lane, passenger), beam, film);
+        }
+        for lane in lanes(self.packet.active) {
+            self.set_terms(place, lane, &film.states[rays[lane].index]);
+        }
+        single
+    }
+
+    /// Looks at what lies beside the ray of a square, and marches it at once if packets do not take
+    /// such. Returns for how many stretches.
+    fn take_square(
+        &mut self,
+        place: &Place<'_>,
+        (lane, Passenger { index, ray }): (usize, &Passenger),
+        beam: &Beam,
+        film: &mut Rays<'_>,
+    ) -> u64 {
+        let span = (self.packet.active >> lane & 1 == 1).then(|| self.seats.span(lane));
+        let (state, error) = (&mut film.states[*index], &mut film.errors[*index]);
+        let before = *error;
+        let met = (&place.region, span);
+        let spread = if self.are_proxies {
+            spread_of(ray, met, beam)
+        } else {
+            arrive(place.passage, ray, met, beam, (state, error))
+        };
+        let is_wide = spread.cells.iter().any(|spread| *spread > 1.0 - f64::from(SLACK));
+        let mut single = 0;
+        if is_wide && self.are_proxies {
+            error.farthest = Sums::ANYTHING;
+            self.packet.active &= !(1 << lane);
+        } else if is_wide && !place.takes_wide {
+            *error = before;
+            single = march(place.passage, ray, place.light, state, Some((error, beam)));
+            self.packet.active &= !(1 << lane);
+        } else if span.is_none() {
+            leave(span, beam, state, (error, &before));
+        }
+        for a in 0..3 {
+            self.packet.spread[a].0[lane] = spread.cells[a] as f32 + SLACK;
+            self.packet.bend[a].0[lane] = spread.bend[a] as f32;
+        }
+        self.packet.turn.0[lane] = (2.0 * spread.angle) as f32;
+        self.squares.push(Aboard { beam: *beam, spread, before });
+        single
+    }
+
+    /// Gives up proxies that have come to cells that are not fit for packets: the others for which
+    /// they stand may be off by anything, since what those would find there is known for packets
+    /// alone.
+    fn give_up(&mut self, ground: &Ground<'_>, rays: &[Passenger], film: &mut Rays<'_>) {
+        for lane in lanes(self.packet.active) {
+            if ground.fit(self.packet.cell(lane)).is_none() {
+                film.errors[rays[lane].index].farthest = Sums::ANYTHING;
+                self.packet.active &= !(1 << lane);
+            }
+        }
+    }
+
+    /// Sets what a lane may be off by, and where it may end.
+    fn set_terms(&mut self, place: &Place<'_>, lane: usize, state: &RayState) {
+        let length = self.seats.length(lane) * self.seats.unit(lane);
+        let thickness = length * place.transfer.table.extinction;
+        self.packet.thickness.0[lane] = thickness.min(f64::from(f32::MAX)) as f32;
+        let seen = state.transmittance * length;
+        let allowed = place.allowed / (seen * place.transfer.table.emission);
+        self.packet.allowed.0[lane] = allowed.min(f64::from(f32::MAX)) as f32;
+        self.packet.fade.0[lane] = fade(state, place, &self.seats, lane);
+    }
+
+    /// Marches the rays that have come to plain cells, or to blended ones, as far as they go.
+    fn go(&mut self, ground: &Ground<'_>, width: Width, blended: bool) {
+        let all = self.packet.active;
+        let ready = lanes(all)
+            .filter(|lane| ground.fit(self.packet.cell(*lane)) == Some(blended))
+            .fold(0, |ready, lane| ready | 1 << lane);
+        if ready == 0 {
+            return;
+        }
+        self.packet.active = ready;
+        width.run(March { ground, packet: &mut self.packet, blended });
+        self.packet.active |= all & !ready;
+    }
+
+    /// Gives a lane's sums to its ray.
+    fn settle(
+        &self,
+        place: &Place<'_>,
+        (lane, index): (usize, usize),
+        has_account: bool,
+        film: &mut Rays<'_>,
+    ) {
+        let Self { packet, seats, .. } = self;
+        let table = &place.transfer.table;
+        let length = seats.length(lane) * seats.unit(lane);
+        let state = &mut film.states[index];
+        let seen = state.transmittance * length;
+        let sum = |row: &Row| f64::from(row.0[lane]);
+        if has_account {
+            let error = &mut film.errors[index];
+            let before = error.own_extinction();
+            let sums = |[emission, dimmed, extinction]: [f64; 3]| Sums {
+                emission: emission * seen * table.emission * ROUNDED_UP,
+                dimmed: dimmed * seen * table.extinction * ROUNDED_UP,
+                extinction: extinction * length * table.extinction * ROUNDED_UP,
+            };
+            let march = sums(packet.off.each_ref().map(sum));
+            error.march = error.march.plus(march);
+            if place.passage.hides {
+                error.levels = error.levels.plus(sums(packet.levels.each_ref().map(sum)));
+            }
+            if !self.squares.is_empty() {
+                error.farthest = error.farthest.plus(sums(packet.farthest.each_ref().map(sum)));
+                error.uneven = error.uneven.plus(sums(packet.uneven.each_ref().map(sum)));
+            }
+            let of_stored = error.of_stored(place.passage.brick.relief.is_rounded);
+            *of_stored = of_stored.plus(sums(packet.stored.each_ref().map(sum)));
+            error.place_behind(state.radiance, before);
+        }
+        let [red, green, blue, depth] = packet.left.each_ref().map(sum);
+        let [r, g, b] = packet.light.each_ref().map(sum);
+        let light = [r + red, g + green, b + blue];
+        state.gather(light.map(|light| light * seen * table.emission));
+        state.absorb((sum(&packet.depth) + depth).max(0.0));
+    }
+
+    /// A lane whose sums were given to its ray begins anew.
+    fn clear(&mut self, place: &Place<'_>, lane: usize, state: &RayState) {
+        self.packet.fade.0[lane] = fade(state, place, &self.seats, lane);
+        self.packet.clear_lane(lane);
+    }
+
+    /// Takes a lane through cells that are not fit, up to one that is, or out of the brick.
+    fn pass_alone(
+        &mut self,
+        place: &Place<'_>,
+        ground: &Ground<'_>,
+        (lane, index): (usize, usize),
+        accounts: bool,
+        film: &mut Rays<'_>,
+    ) -> u64 {
+        let Place { passage, light, range, .. } = place;
+        let (ray, span, unit) =
+            (self.seats.ray(lane), self.seats.span(lane), self.seats.unit(lane));
+        let from = (span.0 + self.packet.reached(lane) * unit).min(span.1);
+        let mut walk = CellWalk::new(&ray, range, self.packet.cell(lane), (from, span.1));
+        let relief = &passage.brick.relief;
+        let (state, error) = (&mut film.states[index], &mut film.errors[index]);
+        let spread = self.squares.get(lane).map_or_else(Spread::default, |square| square.spread);
+        let mut ledger = accounts.then(|| Ledger::new(relief, error, passage.hides, spread));
+        let mut integrator = Integrator::new(light.pieces, &light.ending, accounts, state);
+        let mut rungs = Vec::new();
+        let goes_on = loop {
+            if integrator.is_faded() {
+                break false;
+            }
+            let (step, has_next) = walk.step();
+            if step.from < step.to {
+                let passage = (passage.brick, passage.drawn, range);
+                pass_dual_cell(passage, &ray, &step, &mut rungs, &mut integrator, &mut ledger);
+            }
+            if !has_next {
+                break false;
+            }
+            if ground.fit(walk.cell).is_some() {
+                break true;
+            }
+        };
+        if let Some(ledger) = &mut ledger {
+            ledger.close(&mut integrator);
+        }
+        let count = integrator.count;
+        let reached = (walk.from - span.0) / unit;
+        put(&mut self.packet.t, lane, split(reached));
+        for a in 0..3 {
+            self.packet.cell[a].0[lane] = walk.cell[a] as f32;
+        }
+        if !goes_on {
+            self.packet.active &= !(1 << lane);
+        }
+        count
+    }
+}
+
+fn put(rows: &mut [Row; 2], lane: usize, numbers: [f32; 2]) {
+    for (row, number) in rows.iter_mut().zip(numbers) {
+        row.0[lane] = number;
+    }
+}
+
+/// Optical depth behind which the ray in a lane may end, whatever it has gathered.
+fn fade(state: &RayState, place: &Place<'_>, seats: &Seats, lane: usize) -> f32 {
+    let ending = &place.light.ending;
+    let least = ending.allowed / ending.brightest.max(1.0);
+    let ratio = state.transmittance / least;
+    // Where the brick is not as deep as that, how deep it would be need not be known.
+    let (from, to) = seats.span(lane);
+    let deepest = place.most * (to - from) * seats.length(lane) * ROUNDED_UP;
+    let halvings = (ratio.to_bits() >> 52) as f64 - 1023.0;
+    if halvings * std::f64::consts::LN_2 >= deepest {
+        return f32::MAX;
+    }
+    let depth = ratio.ln().max(0.0);
+    // Rounding of f32 must not end a ray that then would go on.
+    let depth = depth * ROUNDED_UP + (ROUNDED_UP - 1.0);
+    if depth.is_nan() { f32::MAX } else { depth.min(f64::from(f32::MAX)) as f32 }
+}

@@ -1,0 +1,120 @@
+//! The walk of a ray from cell to cell of a regular grid.
+
+use crate::render::camera::frame::LocalRay;
+
+/// The stretch [from, to] of σ in which `ray` is inside the box [lo, hi] (local cells) and in
+/// front of the eye, if there is one.
+pub(crate) fn clip(ray: &LocalRay, lo: [f64; 3], hi: [f64; 3]) -> Option<(f64, f64)> {
+    let (mut from, mut to) = (ray.sigma_min, f64::INFINITY);
+    let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
+    for a in 0..3 {
+        let inverse = direction[a].recip();
+        if inverse.is_finite() {
+            let (s, t) = ((lo[a] - origin[a]) * inverse, (hi[a] - origin[a]) * inverse);
+            from = from.max(s.min(t));
+            to = to.min(s.max(t));
+        } else if !(lo[a]..hi[a]).contains(&origin[a]) {
+            return None;
+        }
+    }
+    (from < to && to.is_finite() && from.is_finite()).then_some((from, to))
+}
+
+/// One cell on the way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Step {
+    /// The cell.
+    pub(crate) cell: [i32; 3],
+    /// σ where the ray enters.
+    pub(crate) from: f64,
+    /// σ where the ray leaves.
+    pub(crate) to: f64,
+}
+
+/// Walks the cells [n, n + 1) of a grid, each σ computed anew from the plane's own position, so
+/// that nothing drifts.
+pub(super) struct Walk {
+    origin: [f64; 3],
+    inverse: [f64; 3],
+    next: [f64; 3],
+    sign: [i32; 3],
+    /// 1 where the plane ahead of a cell is its upper one.
+    ahead: [i32; 3],
+    cell: [i32; 3],
+    last: [i32; 3],
+    from: f64,
+    to: f64,
+}
+
+impl Walk {
+    /// The walk of `ray` from σ `from` to `to` through cells `lo` to `hi` (inclusive) of the grid
+    /// whose cell 0 begins at −`shift` along every axis.
+    pub(super) fn new(
+        ray: &LocalRay,
+        (from, to): (f64, f64),
+        shift: f64,
+        lo: [i32; 3],
+        hi: [i32; 3],
+    ) -> Self {
+        let origin = ray.origin.to_array().map(|x| x + shift);
+        let direction = ray.direction.to_array();
+        let mut walk = Self {
+            origin,
+            inverse: direction.map(f64::recip),
+            next: [f64::INFINITY; 3],
+            sign: [0; 3],
+            ahead: [0; 3],
+            cell: lo,
+            last: hi,
+            from,
+            to,
+        };
+        for a in 0..3 {
+            let moves = walk.inverse[a].is_finite();
+            let x = if moves { origin[a] + direction[a] * from } else { origin[a] };
+            walk.cell[a] = (x.floor() as i32).clamp(lo[a], hi[a]);
+            if moves {
+                let up = direction[a] > 0.0;
+                walk.sign[a] = if up { 1 } else { -1 };
+                walk.ahead[a] = i32::from(up);
+                walk.last[a] = if up { hi[a] } else { lo[a] };
+                walk.next[a] = walk.plane(a);
+            }
+        }
+        walk
+    }
+
+    #[inline]
+    fn plane(&self, a: usize) -> f64 {
+        (f64::from(self.cell[a] + self.ahead[a]) - self.origin[a]) * self.inverse[a]
+    }
+
+    /// The next cell in which the ray has some length.
+    #[inline]
+    pub(super) fn next(&mut self) -> Option<Step> {
+        while self.from < self.to {
+            let [x, y, z] = self.next;
+            let a = if x <= y && x <= z {
+                0
+            } else if y <= z {
+                1
+            } else {
+                2
+            };
+            let (cell, from) = (self.cell, self.from);
+            let to = self.next[a].min(self.to);
+            if self.cell[a] == self.last[a] {
+                self.from = self.to;
+                let to = self.to;
+                return Some(Step { cell, from, to });
+            }
+            self.cell[a] += self.sign[a];
+            self.next[a] = self.plane(a);
+            if to > from {
+                self.from = to;
+                return Some(Step { cell, from, to });
+            }
+        }
+        None
+    }
+}

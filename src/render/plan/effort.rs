@@ -1,0 +1,84 @@
+//! How many rays a picture takes whose pixels stand for areas. A small picture may take more for each
+//! of its pixels, and takes more at least: its pixels are far apart, and tell little of each other.
+
+/// Rays of a picture, about, and of a pixel on average over a tile: where the bound needs more, it stays
+/// above the tolerance, and says so.
+const MOST: u64 = 16_000_000;
+const MOST_PER_PIXEL: u64 = 64;
+const FEWEST_PER_PIXEL: u64 = 8;
+/// Rays of a picture that bounds within the tolerance are worth, of a pixel at least, and how many times
+/// the usual number a tile may take that needs more than others.
+const WORTHWHILE: u64 = 512_000;
+const WORTHWHILE_PER_PIXEL: u64 = 8;
+const UNEVEN: u64 = 16;
+/// Rays that stand for themselves, likewise; and how many more a pixel may take where those of the
+/// picture are not more than so many.
+const MOST_ALONE: u64 = 32_000_000;
+const MOST_ALONE_PER_PIXEL: u64 = 256;
+const FEWEST_ALONE_PER_PIXEL: u64 = 16;
+const SMALL_ALONE: u64 = 4_000_000;
+const SMALL_ALONE_PER_PIXEL: u64 = 4096;
+/// A picture takes about so many of these at least, and a pixel no more than the quarters of quarters of
+/// quarters: all of those of pixels that are drawn together have room.
+const LEAST_ALONE: u64 = 16 << 10;
+const MOST_HALVED: u32 = 3;
+
+/// Rays for each pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Effort {
+    /// At most, on average over a tile, where they stand for areas.
+    pub(crate) most: u64,
+    /// At most, on average over a tile, where they stand for areas and bounds of all pixels are
+    /// sought.
+    pub(crate) most_certified: u64,
+    /// What bounds of all pixels are worth, on average over the picture.
+    pub(crate) worthwhile: u64,
+    /// At most, on average over a tile, where they stand for areas and bounds are not sought, but
+    /// what may shine is.
+    pub(crate) scouting: u64,
+    /// At most, on average over a tile, where they stand for themselves.
+    pub(crate) most_alone: u64,
+    /// How often a pixel is halved at least for rays that stand for themselves.
+    pub(crate) least_halvings: u8,
+}
+
+impl Effort {
+    /// What a picture of so many pixels takes.
+    pub(crate) fn of(pixels: u64) -> Self {
+        let each = |all: u64| all / pixels.max(1);
+        let most = each(MOST).clamp(FEWEST_PER_PIXEL, MOST_PER_PIXEL);
+        let alone = each(MOST_ALONE).clamp(FEWEST_ALONE_PER_PIXEL, MOST_ALONE_PER_PIXEL);
+        let worthwhile = each(WORTHWHILE).max(WORTHWHILE_PER_PIXEL);
+        let halvings = each(LEAST_ALONE).checked_ilog(4).unwrap_or(0);
+        Self {
+            most,
+            most_certified: UNEVEN * most,
+            worthwhile,
+            scouting: worthwhile.min(most),
+            most_alone: alone.max(each(SMALL_ALONE).min(SMALL_ALONE_PER_PIXEL)),
+            least_halvings: halvings.min(MOST_HALVED) as u8,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_pictures_take_more_rays_a_pixel_and_large_ones_no_more_in_all() {
+        let sizes = [1, 63, 1024, 4096, 12_707, 65_536, 262_144, 2_073_600, 33_177_600];
+        for [small, large] in sizes.array_windows() {
+            let [a, b] = [small, large].map(|n| Effort::of(*n));
+            assert!(a.most >= b.most && a.most_alone >= b.most_alone);
+            assert!(a.worthwhile >= b.worthwhile && a.least_halvings >= b.least_halvings);
+        }
+        let halvings = [63, 256, 1024, 4096, 16_384].map(|n| Effort::of(n).least_halvings);
+        assert_eq!(halvings, [3, 3, 2, 1, 0]);
+        for size in [63, 4096, 65_536, 262_144, 1_000_000] {
+            let Effort { most_alone, most, .. } = Effort::of(size);
+            assert!(most_alone * size <= MOST_ALONE && most * size <= MOST, "{size}");
+        }
+        assert_eq!(Effort::of(0), Effort::of(1));
+    }
+}

@@ -1,0 +1,62 @@
+//! What a picture is to be, and how far a tile of it has come.
+
+use super::cut::{Cut, ErrorCut};
+use crate::render::bounds::ray_error::ErrorShares;
+
+/// The part of the goal that a first batch leaves to a single brick: few bricks along a ray are
+/// off by as much as the cut allows.
+const FIRST_LIMIT: f64 = 0.3;
+/// Cuts that allow less than this part of the goal for a brick are none.
+const SMALLEST_LIMIT: f64 = 1e-7;
+
+/// How exact a picture must be.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Goal {
+    /// The largest error of any channel of any pixel, in the picture's own unit.
+    pub(crate) tolerance: f64,
+    /// Light that is expected from behind a brick.
+    pub(crate) behind: f64,
+    /// Rays that a tile takes at most for each of its pixels, where these stand for areas.
+    pub(crate) rays_per_pixel: u64,
+    /// Rays that a tile takes at most for each of its pixels, where these stand for themselves.
+    pub(crate) alone_per_pixel: u64,
+    /// How often a pixel is halved at least for rays that stand for themselves.
+    pub(crate) least_halvings: u8,
+    /// Whether all pixels' bounds are to come within the tolerance, so that rays are spent on these.
+    pub(crate) certifies: bool,
+    /// The power of the number of rays that bounds fall with, until a group of pixels knows its own.
+    pub(crate) power: f64,
+    /// Whether all levels are drawn whatever the tolerance.
+    pub(crate) all_levels: bool,
+}
+
+impl Goal {
+    /// The cut that pixels begin with.
+    pub(crate) fn first_cut(&self) -> Cut {
+        self.cut(FIRST_LIMIT * self.tolerance)
+    }
+
+    /// The cut that leaves `limit` to a single brick.
+    pub(crate) fn cut(&self, limit: f64) -> Cut {
+        if self.all_levels || limit.is_nan() || limit <= SMALLEST_LIMIT * self.tolerance {
+            Cut::FullDepth
+        } else {
+            Cut::Error(ErrorCut { limit, behind: self.behind })
+        }
+    }
+}
+
+/// How far a tile's worst pixel is off.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct TileError {
+    /// At most, by cause.
+    pub(crate) shares: ErrorShares,
+    /// In all likelihood, where that bound is above the tolerance.
+    pub(crate) estimate: f64,
+    /// The power of the number of rays that bounds of areas have fallen with.
+    pub(crate) power: f64,
+    /// How many rays pixels need on average if bounds go on to fall so.
+    pub(crate) rays_needed: f64,
+    /// The part of pixels that need more than any may take.
+    pub(crate) beyond: f64,
+}

@@ -1,0 +1,403 @@
+//! The walk of the tree: which pieces of which bricks are drawn in a window of the picture,
+//! front to back, from index records alone.
+
+use glam::DVec3;
+
+use super::census::{Fate, Tally};
+use super::cut::{Cut, ErrorCut};
+use crate::cache::{BrickPlace, Cursor, FieldRecord, Header, NodeRecord, Precision};
+use crate::render::bounds::relief::Distance;
+use crate::render::brick::load::BrickRequest;
+use crate::render::camera::frame::Footprint;
+use crate::render::camera::frame::Frame;
+use crate::render::camera::rays::{PixelGrid, PixelRect};
+use crate::render::camera::view::View;
+use crate::render::march::ray::Region;
+use crate::render::transfer::pieces::PieceList;
+use crate::render::transfer::shading::Shading;
+use crate::space::{FRACTION_BITS, Position};
+use crate::{Error, Result};
+
+/// Reads index records.
+pub(crate) trait Index {
+    /// The records of node `node`: its own, and its field's.
+    ///
+    /// # Errors
+    /// An index that is damaged or contradicts itself.
+    fn records(&mut self, node: u64) -> Result<(NodeRecord, FieldRecord)>;
+}
+
+/// Records of one field of a cache.
+pub(crate) struct FieldIndex<'c> {
+    /// Reads the cache's index.
+    pub cursor: Cursor<'c>,
+    /// Which field.
+    pub field: usize,
+}
+
+impl Index for FieldIndex<'_> {
+    fn records(&mut self, node: u64) -> Result<(NodeRecord, FieldRecord)> {
+        Ok((self.cursor.node(node)?, self.cursor.field(node, self.field)?))
+    }
+}
+
+/// What all walks of a picture share.
+pub(crate) struct Scenery<'r> {
+    /// The tree's levels, its brick shape and domain.
+    pub header: &'r Header,
+    /// The camera.
+    pub view: &'r View,
+    /// The picture's pixels.
+    pub pixels: &'r PixelGrid,
+    /// What is transparent.
+    pub shading: &'r Shading,
+    /// What the transfer function does over ranges.
+    pub(crate) bounds: &'r PieceList,
+    /// Whether values may be read in fewer digits than are stored.
+    pub(crate) rounds: bool,
+}
+
+/// One piece to draw: a brick, or one octant of it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Step {
+    /// The brick.
+    pub request: BrickRequest,
+    /// The camera as the brick sees it.
+    pub frame: Frame,
+    /// What is drawn of the brick, clipped to the domain.
+    pub region: Region,
+    /// The pixels in which it may be seen, and where in them.
+    pub pixels: PixelRect,
+    /// Where it is seen on the image plane.
+    pub footprint: Footprint,
+    /// Whether it is drawn in place of children.
+    pub hides: bool,
+    /// Whether no later step draws from this brick.
+    pub is_last: bool,
+}
+
+/// A node whose octants are being visited.
+struct Open {
+    request: BrickRequest,
+    frame: Frame,
+    /// Octants that children draw.
+    opened: u8,
+    /// Octants that the node's own brick draws and that are not transparent.
+    own: u8,
+    /// Octant `n ^ order` is the n-th from the eye.
+    order: u8,
+    next: u8,
+    fate: Fate,
+}
+
+/// A walk through the window of pixels `window`, depth first and front to back. Memory grows with
+/// the depth only. The tally hears of every brick in the tree once, on its own or as one of a
+/// subtree.
+pub(crate) struct Walk<'r, I, T> {
+    scenery: &'r Scenery<'r>,
+    index: &'r mut I,
+    tally: T,
+    cut: &'r Cut,
+    window: PixelRect,
+    stack: Vec<Open>,
+    is_started: bool,
+}
+
+impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
+    /// A walk that begins at the root.
+    pub(crate) fn new(
+        scenery: &'r Scenery<'r>,
+        index: &'r mut I,
+        tally: T,
+        cut: &'r Cut,
+        window: PixelRect,
+    ) -> Self {
+        Self { scenery, index, tally, cut, window, stack: Vec::new(), is_started: false }
+    }
+
+    /// The next piece. What lies wholly behind rays that need nothing more is left out, and what
+    /// lies between rays: `needed` says how much of the light from behind any ray of a rectangle
+    /// that meets what has a footprint still lets through.
+    ///
+    /// # Errors
+    /// A damaged index.
+    pub(crate) fn next(
+        &mut self,
+        needed: impl Fn(&PixelRect, &Footprint) -> f64,
+    ) -> Result<Option<Step>> {
+        if !self.is_started {
+            self.is_started = true;
+            let root = self.scenery.header.levels.first().map_or(0, |level| level.octree);
+            let place = BrickPlace { tree_level: 0, octree: root, coordinates: [0; 3] };
+            if let Some(step) = self.visit(0, place, &needed)? {
+                return Ok(Some(step));
+            }
+        }
+        while let Some(open) = self.stack.last_mut() {
+            if open.next == 8 {
+                self.tally.count(open.fate, 1);
+                self.stack.pop();
+                continue;
+            }
+            let octant = open.next ^ open.order;
+            open.next += 1;
+            let step = if open.opened >> octant & 1 == 1 {
+                let BrickRequest { record, place, .. } = open.request;
+                let child = record.child(octant).unwrap_or(0);
+                self.visit(child, place.child(octant), &needed)?
+            } else if open.own >> octant & 1 == 1 {
+                self.own_octant(octant, &needed)
+            } else {
+                None
+            };
+            if step.is_some() {
+                return Ok(step);
+            }
+        }
+        Ok(None)
+    }
+
+    /// What the tally has heard.
+    pub(crate) fn into_tally(self) -> T {
+        self.tally
+    }
+
+    /// Goes to a node: leaves it and all beneath out, draws it whole, or opens it.
+    fn visit(
+        &mut self,
+        node: u64,
+        place: BrickPlace,
+        needed: &impl Fn(&PixelRect, &Footprint) -> f64,
+    ) -> Result<Option<Step>> {
+        if place.tree_level >= self.scenery.header.levels.len() {
+            return Err(Error::invalid(
+                format!("brick {node} of the cache"),
+                "it lies deeper than the tree has levels; ingest the data again",
+            ));
+        }
+        let (record, field) = self.index.records(node)?;
+        let subtree = record.descendants.saturating_add(1);
+        let scenery = self.scenery;
+        let frame = scenery.frame(&place, None);
+        let edge = scenery.header.shape.edge() as f64;
+        let footprint = frame.footprint(DVec3::ZERO, DVec3::splat(edge));
+        let all = footprint.map_or(PixelRect::NONE, |footprint| scenery.pixels.seen(&footprint));
+        let pixels = all.intersection(&self.window);
+        let Some(footprint) = footprint.filter(|_| !pixels.is_empty()) else {
+            self.tally.count(Fate::OutOfView, subtree);
+            return Ok(None);
+        };
+        if scenery.is_transparent(&field, false) {
+            self.tally.count(Fate::Transparent, subtree);
+            return Ok(None);
+        }
+        let transmittance = needed(&pixels, &footprint);
+        if transmittance == 0.0 {
+            self.tally.count(Fate::Hidden, subtree);
+            return Ok(None);
+        }
+        let last_tile = scenery.pixels.last_tile(&all);
+        let seen = Seen { frame, pixels, footprint };
+        let precision = Precision::Full;
+        let request = BrickRequest { node, place, record, field, last_tile, precision };
+        let opens = record.child_mask != 0 && self.opens(&request, &seen, transmittance);
+        if !opens {
+            self.tally.count(Fate::Coarser, record.descendants);
+            return Ok(self.draw_whole(request, &seen));
+        }
+        self.open(request, &seen, record.child_mask);
+        Ok(None)
+    }
+
+    fn opens(&self, request: &BrickRequest, seen: &Seen, transmittance: f64) -> bool {
+        match self.cut {
+            Cut::FullDepth => true,
+            Cut::Footprint(cut) => cut.opens(&request.place),
+            Cut::Error(cut) => transmittance * self.scenery.error(request, seen, cut) > cut.limit,
+        }
+    }
+
+    fn draw_whole(&mut self, request: BrickRequest, seen: &Seen) -> Option<Step> {
+        let region = self.scenery.region(&request.place, None);
+        let hides = request.record.child_mask != 0;
+        // What is transparent itself need not be so beneath, and is counted as an error then.
+        let counts = hides && matches!(self.cut, Cut::Error(_));
+        let is_transparent = !counts && self.scenery.is_transparent(&request.field, true);
+        let fate = if is_transparent || region.is_none() { Fate::Transparent } else { Fate::Drawn };
+        self.tally.count(fate, 1);
+        let region = region.filter(|_| !is_transparent)?;
+        let request = self.with_digits(request, seen);
+        let Seen { frame, pixels, footprint } = *seen;
+        Some(Step { request, frame, region, pixels, footprint, hides, is_last: true })
+    }
+
+    /// A request for as many digits as a brick that is drawn needs.
+    fn with_digits(&self, request: BrickRequest, seen: &Seen) -> BrickRequest {
+        let precision = self.scenery.precision(&request.field, seen, self.cut);
+        BrickRequest { precision, ..request }
+    }
+
+    fn open(&mut self, request: BrickRequest, seen: &Seen, opened: u8) {
+        let scenery = self.scenery;
+        let is_transparent = scenery.is_transparent(&request.field, true);
+        let has_own = |octant: u8| {
+            opened >> octant & 1 == 0 && scenery.region(&request.place, Some(octant)).is_some()
+        };
+        let own =
+            (0..8).filter(|&octant| has_own(octant)).fold(0, |mask, octant| mask | 1 << octant);
+        let order = scenery.view.octant_order(&scenery.corner(&request.place, 0b111));
+        let fate = if own != 0 && is_transparent { Fate::Transparent } else { Fate::Covered };
+        let own = if is_transparent { 0 } else { own };
+        let request = if own == 0 { request } else { self.with_digits(request, seen) };
+        let frame = seen.frame;
+        self.stack.push(Open { request, frame, opened, own, order, next: 0, fate });
+    }
+
+    /// One of the octants that the node on top of the stack draws itself.
+    fn own_octant(
+        &mut self,
+        octant: u8,
+        needed: &impl Fn(&PixelRect, &Footprint) -> f64,
+    ) -> Option<Step> {
+        let half = self.scenery.header.shape.edge() as f64 / 2.0;
+        let place = self.stack.last()?.request.place;
+        let frame = self.scenery.frame(&place, Some(octant));
+        let footprint = frame.footprint(DVec3::ZERO, DVec3::splat(half))?;
+        let pixels = self.pixels_of(&footprint);
+        if pixels.is_empty() {
+            return None;
+        }
+        let region = self.scenery.region(&place, Some(octant))?;
+        let open = self.stack.last_mut()?;
+        open.fate = Fate::Drawn;
+        let is_last = (open.next..8).all(|n| open.own >> (n ^ open.order) & 1 == 0);
+        let (request, frame) = (open.request, open.frame);
+        let step = Step { request, frame, region, pixels, footprint, hides: false, is_last };
+        (needed(&pixels, &footprint) > 0.0).then_some(step)
+    }
+
+    fn pixels_of(&self, footprint: &Footprint) -> PixelRect {
+        self.scenery.pixels.seen(footprint).intersection(&self.window)
+    }
+}
+
+/// A node as the camera sees it.
+struct Seen {
+    frame: Frame,
+    pixels: PixelRect,
+    footprint: Footprint,
+}
+
+impl Scenery<'_> {
+    /// Whether the brick itself (`own`), or all from it down, emits and absorbs nothing.
+    fn is_transparent(&self, field: &FieldRecord, own: bool) -> bool {
+        let range = if own { field.own } else { field.tree };
+        field.is_void() || self.shading.is_transparent(range, field.has_nan(own))
+    }
+
+    /// The brick's lowest corner, moved by half its edge along the axes in `octant`: that
+    /// octant's lowest corner, and for 7 the brick's centre.
+    fn corner(&self, place: &BrickPlace, octant: u8) -> Position {
+        let edge = self.header.shape.edge() as i128;
+        let cell = |a: usize| place.coordinates[a] * edge + i128::from(octant >> a & 1) * edge / 2;
+        self.header.domain.cell_corner(place.octree, std::array::from_fn(cell))
+    }
+
+    /// The camera as the brick, or one octant of it, sees it.
+    fn frame(&self, place: &BrickPlace, octant: Option<u8>) -> Frame {
+        let edge = self.header.shape.edge() as f64;
+        let size = if octant.is_some() { edge / 2.0 } else { edge };
+        self.view.frame(&self.corner(place, octant.unwrap_or(0)), place.octree, size)
+    }
+
+    /// The brick, or one octant of it, in its cells, as far as it lies in the domain.
+    fn region(&self, place: &BrickPlace, octant: Option<u8>) -> Option<Region> {
+        let edge = self.header.shape.edge() as f64;
+        let corner = self.corner(place, 0);
+        let upper = self.header.domain.upper();
+        let cells_per_unit = f64::from(place.octree - FRACTION_BITS as i32).exp2();
+        let bounds = |a: usize| {
+            let (lo, hi) = match octant {
+                None => (0.0, edge),
+                Some(octant) if octant >> a & 1 == 1 => (edge / 2.0, edge),
+                Some(_) => (0.0, edge / 2.0),
+            };
+            // Exact where it clips: then it is less than a brick, in units of the root grid.
+            let end = upper.0[a].saturating_sub(corner.0[a]) as f64 * cells_per_unit;
+            (lo, hi.min(end))
+        };
+        let axes: [(f64, f64); 3] = std::array::from_fn(bounds);
+        let is_inside = axes.iter().all(|(lo, hi)| lo < hi);
+        let ends = |a: usize| {
+            let lower = corner.0[a] == 0 && axes[a].0 == 0.0;
+            let end = upper.0[a].saturating_sub(corner.0[a]) as f64 * cells_per_unit;
+            u8::from(lower) << a | u8::from(axes[a].1 >= end) << (3 + a)
+        };
+        is_inside.then(|| Region {
+            lo: axes.map(|axis| axis.0),
+            hi: axes.map(|axis| axis.1),
+            ends: ends(0) | ends(1) | ends(2),
+        })
+    }
+
+    /// How far the light of a ray may be off, or of a pixel that is larger than the brick, if the
+    /// brick is drawn in place of its children: from the index alone, and what lies in front of
+    /// it left aside.
+    fn error(&self, request: &BrickRequest, seen: &Seen, cut: &ErrorCut) -> f64 {
+        let Distance { residual, fills_void, tree, .. } =
+            self.shading.distance(&request.record, &request.field, Precision::Full);
+        let span = self.bounds.over(tree[0], tree[1]);
+        let change = if fills_void {
+            span.most
+        } else {
+            let by_slope = span.slope.times(residual.min(tree[1] - tree[0])).plus(span.jumps);
+            by_slope.min(span.variation.plus(span.jumps))
+        };
+        self.seen_length(seen) * change.light(cut.behind)
+    }
+
+    /// The longest way of a ray through a brick, or of a pixel's rays on average.
+    fn seen_length(&self, seen: &Seen) -> f64 {
+        let crossing = seen.frame.crossing(&seen.footprint, self.header.shape.edge() as f64);
+        let covered =
+            if self.pixels.has_area() { self.pixels.covered(&seen.footprint) } else { 1.0 };
+        crossing * covered
+    }
+
+    /// How many digits of a brick's values are read: by what these may make of a ray's light, whatever
+    /// lies in front, so that all tiles with the same cut read the same. The index tells that by the
+    /// steepest slope over all of the brick's values, and for the longest way; rays make far less of it.
+    /// Still, with three times the limit tiles are drawn again because of it.
+    fn precision(&self, field: &FieldRecord, seen: &Seen, cut: &Cut) -> Precision {
+        let fewer = [Precision::Short, Precision::Medium].into_iter();
+        let mut fewer = fewer.filter(|precision| self.rounds && field.error(*precision) > 0.0);
+        let found = match cut {
+            Cut::FullDepth => None,
+            Cut::Footprint(cut) => fewer.find(|precision| *precision >= cut.precision()),
+            Cut::Error(cut) => {
+                fewer.find(|precision| self.read_error(field, *precision, seen, cut) <= cut.limit)
+            }
+        };
+        found.unwrap_or(Precision::Full)
+    }
+
+    /// How far the light of a ray may be off where a brick's own values are read in fewer digits.
+    fn read_error(
+        &self,
+        field: &FieldRecord,
+        precision: Precision,
+        seen: &Seen,
+        cut: &ErrorCut,
+    ) -> f64 {
+        let [low, high] = field.own.map(|value| self.shading.map(value));
+        let off = self.shading.read_distance([low, high], field, precision);
+        let span = self.bounds.over(low - off, high + off);
+        let by_slope = span.slope.times(off).plus(span.jumps);
+        let change = by_slope.min(span.variation.plus(span.jumps));
+        self.seen_length(seen) * change.light(cut.behind)
+    }
+}
+
+#[cfg(test)]
+#[path = "tree_walk_tests.rs"]
+mod tests;

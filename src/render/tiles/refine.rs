@@ -1,0 +1,396 @@
+//! What rays a tile's pixels take: more, and through finer levels, until no pixel may be off by
+//! more than the goal; where no number of rays would do for that, until none is by all likelihood.
+
+mod alone;
+mod neighbours;
+mod prospect;
+
+use self::neighbours::First;
+use self::prospect::{GroupInHand, power};
+use super::pixel::Pixel;
+use super::waiting::{Found, GROUP_PIXELS, ToDo, Urgency, Waiting};
+use crate::render::bounds::grade::Care;
+use crate::render::bounds::ray_error::ErrorShares;
+use crate::render::camera::pixel_order::PixelOrder;
+use crate::render::camera::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
+use crate::render::picture::Method;
+use crate::render::plan::cut::Cut;
+use crate::render::plan::goal::{Goal, TileError};
+
+/// The part of a pixel's error that may come from levels, of what levels and area may be off by.
+const LEVELS_SHARE: f64 = 0.5;
+/// The part that may come from the march of packets, likewise.
+const MARCH_SHARE: f64 = 0.4;
+/// A cut is made finer by at least, and at most, these factors.
+const FINER: [f64; 2] = [0.5, 1.0 / 32.0];
+/// Squares are not halved more often: their centres are exact to f64 then.
+const MOST_HALVINGS: u8 = 30;
+/// A pixel is taken to need no more rays than this: cores that shine are refined where they are.
+const MOST_NEEDED: f64 = 1024.0;
+
+/// Rays that are marched together.
+pub(crate) struct Batch {
+    /// Pixel by pixel.
+    pub(crate) squares: Vec<Square>,
+    /// Which bricks are opened for them.
+    pub(crate) cut: Cut,
+    /// How they are marched.
+    pub(crate) care: Care,
+    /// Whether they stand for their squares, not for themselves.
+    pub(crate) has_area: bool,
+    /// What squares that are marched again were found to be before, in order.
+    again: Vec<Found>,
+    /// What the others are quarters of, likewise; neither for a tile's first rays.
+    wholes: Vec<Found>,
+}
+
+/// Quarters stand out that may do more than this part of the median pixel's harm.
+const SMALL_HARM: f64 = 0.125;
+
+/// Squares to be marched again, or others to be quartered.
+#[derive(Default)]
+struct Chosen {
+    again: Vec<Found>,
+    wholes: Vec<Found>,
+}
+
+/// A tile's pixels while they are drawn.
+#[derive(Default)]
+pub(crate) struct Sheet {
+    pixels: Vec<Pixel>,
+    order: PixelOrder,
+    finished: Vec<[f32; 4]>,
+    first: Option<Batch>,
+    waiting: Waiting,
+    goal: Option<Goal>,
+    /// Rays marched: with accounts of what they stand for, and for themselves in areas.
+    rays: u64,
+    alone: u64,
+    /// What squares that were quartered might be off by, and what their quarters may.
+    fallen: [f64; 2],
+    group: Option<GroupInHand>,
+    /// What the first ray of each pixel has found; and by how much, in each block of pixels, a mean
+    /// has differed from what neighbours foretold.
+    firsts: Vec<First>,
+    doubts: Vec<f64>,
+}
+
+impl Sheet {
+    /// Bytes that a sheet takes: pixels, the batch in hand and what it finds, and squares that
+    /// wait.
+    pub(crate) const BYTES: u64 = Waiting::BYTES
+        + (BATCH_RAYS
+            * (size_of::<Pixel>()
+                + size_of::<First>()
+                + size_of::<[f32; 4]>()
+                + 2 * size_of::<Square>()
+                + 4 * size_of::<Found>())) as u64;
+
+    /// Begins with the pixels of `rect`.
+    pub(crate) fn start(&mut self, grid: &PixelGrid, rect: PixelRect, method: &Method) {
+        self.pixels.clear();
+        self.pixels.resize(rect.count(), Pixel::default());
+        self.order = PixelOrder::of(&rect);
+        let mut squares = Vec::new();
+        grid.first_squares(&rect, &mut squares);
+        let cut = match method {
+            Method::Once { cut, .. } => {
+                self.goal = None;
+                cut.clone()
+            }
+            Method::Within(goal) => {
+                self.goal = Some(*goal);
+                goal.first_cut()
+            }
+        };
+        (self.rays, self.alone) = (0, 0);
+        self.fallen = [0.0; 2];
+        self.group = None;
+        self.firsts.clear();
+        self.firsts.resize(rect.count(), First::default());
+        self.doubts.clear();
+        self.doubts.resize(rect.count(), 0.0);
+        self.waiting.clear();
+        let has_area = grid.has_area();
+        let (again, wholes) = Default::default();
+        self.first = Some(Batch { squares, cut, care: Care::Rough, has_area, again, wholes });
+    }
+
+    /// The next rays to march; none when all pixels are known.
+    pub(crate) fn next(&mut self, grid: &PixelGrid) -> Option<Batch> {
+        let batch = self.first.take().or_else(|| self.most_urgent(grid))?;
+        let is_alone = grid.has_area() && !batch.has_area;
+        let rays = if is_alone { &mut self.alone } else { &mut self.rays };
+        *rays += batch.squares.len() as u64;
+        Some(batch)
+    }
+
+    /// The squares of the first pixels that harm these most, without those that have become good
+    /// enough because others have turned out better than they had to be.
+    fn most_urgent(&mut self, grid: &PixelGrid) -> Option<Batch> {
+        while let Some((group, mut found, to_do)) = self.waiting.pop() {
+            found.sort_by_key(|found| found.square.pixel);
+            let Chosen { again, wholes } = if to_do.alone {
+                let mut wholes = self.still_unsure(grid, found);
+                self.add_wholes(grid, &mut wholes, &to_do);
+                Chosen { again: Vec::new(), wholes }
+            } else {
+                self.settle(grid, (group, &found), !to_do.quartered);
+                self.still_bad(grid, group, &found, &to_do)
+            };
+            let mut squares: Vec<_> = again.iter().map(|found| found.square).collect();
+            let reach = |whole: &Found| if to_do.alone { self.scatter(whole) } else { 0.0 };
+            let quarters = |whole: &Found| whole.square.scattered_quarters(reach(whole));
+            squares.extend(wholes.iter().flat_map(quarters));
+            if !squares.is_empty() {
+                let ToDo { cut, care, alone, .. } = to_do;
+                let has_area = grid.has_area() && !alone;
+                return Some(Batch { squares, cut, care, has_area, again, wholes });
+            }
+        }
+        None
+    }
+
+    /// Chooses from the squares `found` of a group of pixels those that are to be marched again, or
+    /// quartered; the others are concluded.
+    fn still_bad(
+        &mut self,
+        grid: &PixelGrid,
+        group: usize,
+        found: &[Found],
+        to_do: &ToDo,
+    ) -> Chosen {
+        let is_over = self.is_over(grid, group);
+        let scouts = self.scouts(group);
+        let mut chosen = Chosen::default();
+        for found in found.chunk_by(|a, b| a.square.pixel == b.square.pixel) {
+            let (_, room, mean) = self.pixel(grid, found, to_do.before);
+            let is_good = movable(&mean, to_do.before) <= room;
+            for found in found {
+                let bound = movable(&found.shares, to_do.before);
+                let harm = grid.weight(&found.square) * bound;
+                let stands_out = |median| match found.square.halvings {
+                    _ if self.may_hide(harm, bound) => true,
+                    0 => {
+                        let pixel = usize::from(found.square.pixel);
+                        harm > self.little(median) && self.stands_out(pixel, bound)
+                    }
+                    _ => harm > self.little(SMALL_HARM * median),
+                };
+                let again = !to_do.quartered && (scouts.is_none() || self.may_shine(bound));
+                let matters = again || scouts.is_none_or(stands_out);
+                if is_over || is_good || bound <= room || !matters {
+                    self.conclude(grid, found, to_do);
+                } else if again {
+                    chosen.again.push(*found);
+                } else {
+                    chosen.wholes.push(*found);
+                }
+            }
+        }
+        chosen
+    }
+
+    /// Whether no more rays may be marched that stand for squares of a group of pixels.
+    fn is_over(&self, grid: &PixelGrid, group: usize) -> bool {
+        let Some(goal) = &self.goal else { return true };
+        // Each pixel has taken one ray in the first batch.
+        let others = self.rays.saturating_sub(self.pixels.len() as u64);
+        grid.has_area() && others >= self.rays_up_to(group, goal.rays_per_pixel.saturating_sub(1))
+    }
+
+    /// Whether no more rays may be marched that stand for themselves, for a group of pixels.
+    fn is_over_alone(&self, group: usize) -> bool {
+        self.goal.is_none_or(|goal| self.alone >= self.rays_up_to(group, goal.alone_per_pixel))
+    }
+
+    /// Rays for the pixels of all groups up to this one.
+    fn rays_up_to(&self, group: usize, per_pixel: u64) -> u64 {
+        let pixels = ((group + 1) * GROUP_PIXELS).min(self.pixels.len());
+        per_pixel.saturating_mul(pixels as u64)
+    }
+
+    /// The pixel of what was found, what these squares may be off by on average beside what work
+    /// cannot change, and what they are.
+    fn pixel(&self, grid: &PixelGrid, found: &[Found], care: Care) -> (usize, f64, ErrorShares) {
+        let whole: f64 = found.iter().map(|found| grid.weight(&found.square)).sum();
+        let mut mean = ErrorShares::default();
+        for Found { square, shares, .. } in found {
+            mean.add(shares, grid.weight(square) / whole);
+        }
+        let pixel = usize::from(found[0].square.pixel);
+        let allowed = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
+        // Beside what work cannot change, as much again, within the tolerance for itself.
+        let done = if care == Care::Exact { mean.quadrature } else { 0.0 };
+        let fixed = done + mean.storage + mean.termination + mean.rounding;
+        let room = (self.pixels[pixel].rate(allowed) - fixed).max(fixed.min(allowed));
+        (pixel, room, mean)
+    }
+
+    /// Takes what a batch has found: pixels that are close enough are known, the others' squares
+    /// wait for more.
+    pub(crate) fn judge(
+        &mut self,
+        grid: &PixelGrid,
+        batch: &Batch,
+        outcome: impl Iterator<Item = Found>,
+    ) {
+        let mut outcome: Vec<_> = outcome.collect();
+        let mut next = Next::default();
+        let alone = grid.has_area() && !batch.has_area;
+        if !alone && grid.has_area() {
+            self.note(batch, &outcome);
+        }
+        if !alone {
+            let tolerance = self.goal.map_or(0.0, |goal| goal.tolerance);
+            batch.hand_down(tolerance, self, &mut outcome);
+        }
+        let scouts = self.group.and_then(|group| group.scouts);
+        match scouts.filter(|_| !batch.wholes.is_empty()) {
+            _ if alone => self.judge_quarters(grid, batch, &outcome, &mut next),
+            Some(median) => self.judge_scouts(grid, (batch, median), &outcome, &mut next),
+            None => {
+                self.compare(grid, batch, &outcome);
+                self.judge_squares(grid, batch, &outcome, &mut next);
+            }
+        }
+        let (before, cut) = (batch.care, batch.cut.clone());
+        let to_do = ToDo { quartered: alone, cut, before, care: before.more(), alone };
+        self.wait(grid, &next.careful, &to_do);
+        self.wait(grid, &next.quartered, &ToDo { quartered: true, care: before, ..to_do });
+        if let (Some(goal), false) = (self.goal, next.finer.is_empty()) {
+            let cut = match &batch.cut {
+                Cut::Error(cut) => {
+                    let factor = (0.5 * LEVELS_SHARE / next.worst).clamp(FINER[1], FINER[0]);
+                    // Few different cuts, so that many squares share one.
+                    goal.cut(cut.limit * factor.log2().floor().exp2())
+                }
+                _ => Cut::FullDepth,
+            };
+            self.wait(
+                grid,
+                &next.finer,
+                &ToDo { quartered: alone, cut, before, care: before, alone },
+            );
+        }
+    }
+
+    fn judge_squares(
+        &mut self,
+        grid: &PixelGrid,
+        batch: &Batch,
+        outcome: &[Found],
+        next: &mut Next,
+    ) {
+        let (cut, care) = (batch.cut.clone(), batch.care);
+        let marched = ToDo { quartered: false, cut, before: care, care, alone: false };
+        let can_be_finer = !matches!(batch.cut, Cut::FullDepth);
+        for found in outcome.chunk_by(|a, b| a.square.pixel == b.square.pixel) {
+            let (pixel, room, mean) = self.pixel(grid, found, care);
+            let is_good = movable(&mean, care) <= room;
+            let is_taken = is_good || self.is_over(grid, pixel / GROUP_PIXELS);
+            if !is_taken && next.takes(found, &mean, room, batch) {
+                continue;
+            }
+            for found in found {
+                let is_taken = is_taken || movable(&found.shares, care) <= room;
+                if !is_taken && grid.has_area() && found.square.halvings < MOST_HALVINGS {
+                    next.quartered.push(*found);
+                } else if !is_taken && can_be_finer {
+                    next.worst = next.worst.max(1.0);
+                    next.finer.push(*found);
+                } else {
+                    self.conclude(grid, found, &marched);
+                }
+            }
+        }
+    }
+
+    /// Lets squares wait; there need not be room for all.
+    fn wait(&mut self, grid: &PixelGrid, squares: &[Found], to_do: &ToDo) {
+        for found in squares {
+            let harm = grid.weight(&found.square) * found.shares.total();
+            let group = usize::from(found.square.pixel) / GROUP_PIXELS;
+            let urgency =
+                if grid.has_area() { Urgency::new(group, harm) } else { Urgency::default() };
+            if to_do.alone {
+                self.wait_alone(grid, found, to_do);
+            } else if !self.waiting.push(*found, urgency, to_do) {
+                self.conclude(grid, found, to_do);
+            }
+        }
+    }
+
+    /// How far the tile's worst pixel is off.
+    pub(crate) fn error(&self) -> TileError {
+        let tolerance = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
+        let power = power(self.fallen).unwrap_or(1.0);
+        let mut error = TileError { power, ..TileError::default() };
+        for (n, pixel) in self.pixels.iter().enumerate() {
+            let shares = pixel.bound();
+            let total = shares.total();
+            if error.shares.total() < total {
+                error.shares = shares;
+            }
+            let likely = if total > tolerance { pixel.estimate() } else { total };
+            error.estimate = error.estimate.max(likely);
+            let times = (shares.pixel_area / tolerance).powf(power.recip());
+            let (rays, part) = (self.marched(n) * times, (self.pixels.len() as f64).recip());
+            error.rays_needed += rays.clamp(1.0, MOST_NEEDED) * part;
+            error.beyond += if rays > MOST_NEEDED { part } else { 0.0 };
+        }
+        error
+    }
+
+    /// The tile's pixels, row by row: R, G, B, A.
+    pub(crate) fn pixels(&mut self) -> &[[f32; 4]] {
+        self.finished.clear();
+        self.finished.resize(self.pixels.len(), [0.0; 4]);
+        for (number, pixel) in self.pixels.iter().enumerate() {
+            let [x, y] = self.order.place(number);
+            let place = (y * self.order.width() + x) as usize;
+            self.finished[place] = pixel.value.map(|channel| channel as f32);
+        }
+        &self.finished
+    }
+}
+
+/// What is to be done with the squares of a batch.
+#[derive(Default)]
+struct Next {
+    careful: Vec<Found>,
+    finer: Vec<Found>,
+    quartered: Vec<Found>,
+    /// The most that levels are off by, of the room that there is.
+    worst: f64,
+}
+
+impl Next {
+    /// Takes squares whose rays are off by so much, as `mean` of these rays has it, that they are
+    /// to be marched with more care, or through finer levels.
+    fn takes(&mut self, found: &[Found], mean: &ErrorShares, room: f64, batch: &Batch) -> bool {
+        if batch.care != Care::Exact && mean.quadrature > MARCH_SHARE * room {
+            self.careful.extend(found);
+            return true;
+        }
+        let can_be_finer = !matches!(batch.cut, Cut::FullDepth);
+        // Of rays that stand for themselves the other part is what proxies make of them.
+        let of_cut = mean.levels + if batch.has_area { 0.0 } else { mean.pixel_area };
+        if can_be_finer && of_cut > LEVELS_SHARE * room {
+            self.worst = self.worst.max(of_cut / room);
+            self.finer.extend(found);
+            return true;
+        }
+        false
+    }
+}
+
+/// What finer levels, more rays or more care than `care` change.
+fn movable(shares: &ErrorShares, care: Care) -> f64 {
+    let march = if care == Care::Exact { 0.0 } else { shares.quadrature };
+    shares.levels + shares.pixel_area + march
+}
+
+#[cfg(test)]
+#[path = "refine_tests.rs"]
+mod tests;

@@ -1,0 +1,255 @@
+//! Pixels whose bounds stay above the tolerance: squares in which something small may shine are still
+//! scouted, the others are left to rays that stand for themselves.
+
+use std::array::from_fn;
+
+use super::{BATCH_RAYS, Batch, GROUP_PIXELS, MOST_HALVINGS, Next, Sheet, movable};
+use crate::render::bounds::grade::Care;
+use crate::render::bounds::ray_error::ErrorShares;
+use crate::render::camera::rays::PixelGrid;
+use crate::render::plan::goal::Goal;
+use crate::render::tiles::pixel::{Pixel, Unevenness, own};
+use crate::render::tiles::waiting::{Found, ToDo, Urgency};
+
+/// The parts of a tolerance that a mean of rays that stand for themselves may be off by, where
+/// little else is and where much is, and that are room for what these are off by themselves.
+const MEAN_SHARE: f64 = 0.7;
+const LEAST_MEAN_SHARE: f64 = 0.1;
+const ALONE_SHARE: f64 = 0.6;
+/// A quarter of a square stands out that may do more than this part of the square's harm.
+const STANDS_OUT: f64 = 0.4;
+
+impl Batch {
+    /// Says of what has been found how uneven it is: what was known of it before, or what rays of
+    /// the quarters of a square tell.
+    /// `sheet` knows of whole pixels by their neighbours.
+    pub(super) fn hand_down(&self, tolerance: f64, sheet: &Sheet, outcome: &mut [Found]) {
+        for (found, before) in outcome.iter_mut().zip(&self.again) {
+            found.uneven = before.uneven;
+        }
+        for (whole, quarters) in self.wholes.iter().zip(outcome.chunks_exact_mut(4)) {
+            let values = from_fn(|n| &quarters[n].value);
+            let uneven = Unevenness::of(&whole.value, sheet.known(whole), values);
+            // Rays that are off by much themselves say nothing of others, but where many add up.
+            let off = quarters.iter().chain([whole]).map(|found| own(&found.shares));
+            let most = f64::from(whole.square.halvings).exp2() * ALONE_SHARE * tolerance;
+            let uneven = (off.fold(0.0, f64::max) <= most).then_some(uneven);
+            let of_quarter = |n: usize, uneven: Unevenness| {
+                uneven.of_quarter(n, values, sheet.beyond(&quarters[n]))
+            };
+            let each: [_; 4] = from_fn(|n| uneven.map(|uneven| of_quarter(n, uneven)));
+            for (quarter, uneven) in quarters.iter_mut().zip(each) {
+                quarter.uneven = uneven;
+            }
+        }
+    }
+}
+
+impl Sheet {
+    /// The squares of `found` that are to be quartered for their pixels' mean; the others are taken
+    /// as they are.
+    pub(super) fn still_unsure(&mut self, grid: &PixelGrid, found: Vec<Found>) -> Vec<Found> {
+        let mut left = Vec::with_capacity(found.len());
+        for found in found {
+            let pixel = usize::from(found.square.pixel);
+            if self.take_by_neighbours(&found) {
+                continue;
+            }
+            let is_over = self.is_over_alone(pixel / GROUP_PIXELS);
+            if is_over || found.square.halvings >= MOST_HALVINGS || self.is_likely(&found) {
+                self.pixels[pixel].draw(&found, grid.weight(&found.square));
+            } else {
+                left.push(found);
+            }
+        }
+        left
+    }
+
+    /// Adds whole pixels of the groups that follow, where they are next, while there is room for their
+    /// quarters in a batch. None follow witnesses, which are to be heard first.
+    pub(super) fn add_wholes(&mut self, grid: &PixelGrid, wholes: &mut Vec<Found>, to_do: &ToDo) {
+        let is_whole = |found: &Found| found.square.halvings == 0;
+        let is_witness = |found: &Found| self.is_witness(usize::from(found.square.pixel));
+        if !wholes.iter().all(is_whole) || wholes.iter().any(is_witness) {
+            return;
+        }
+        while wholes.len() + GROUP_PIXELS <= BATCH_RAYS / 4 {
+            let Some(found) = self.waiting.pop_like(to_do, is_whole) else { break };
+            wholes.extend(self.still_unsure(grid, found));
+        }
+        wholes.sort_by_key(|found| found.square.pixel);
+    }
+
+    /// What a pixel's mean may be off by where it is off by so much beside it.
+    pub(super) fn room_for_mean(&self, beside: f64) -> f64 {
+        let tolerance = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
+        (tolerance - beside).clamp(LEAST_MEAN_SHARE * tolerance, MEAN_SHARE * tolerance)
+    }
+
+    /// Whether a quarter's pixel is close enough in all likelihood. Four rays may be alike by
+    /// accident: their pixel's neighbours are asked as well.
+    pub(super) fn is_likely(&self, found: &Found) -> bool {
+        if self.is_too_whole(found) {
+            return false;
+        }
+        let pixel = usize::from(found.square.pixel);
+        let least = if found.square.halvings == 1 { self.variance_around(pixel) } else { 0.0 };
+        let pixel = &self.pixels[pixel];
+        pixel.changeable(least) <= self.room_for_mean(pixel.beside_mean())
+    }
+
+    /// How far from their centres rays of a square's quarters are to be, as a part of the way to their
+    /// sides.
+    pub(super) fn scatter(&self, whole: &Found) -> f64 {
+        self.known(whole).map_or(0.0, |uneven| uneven.scatter())
+    }
+
+    /// How uneven a square is. Five rays may be alike beside an edge that a pixel's neighbours see.
+    pub(super) fn known(&self, whole: &Found) -> Option<Unevenness> {
+        if whole.square.halvings == 0 {
+            self.foretell(usize::from(whole.square.pixel))
+        } else {
+            whole.uneven
+        }
+    }
+
+    /// Whether a square is to be quartered whatever its rays tell.
+    fn is_too_whole(&self, found: &Found) -> bool {
+        self.goal.is_some_and(|goal| found.square.halvings < goal.least_halvings)
+    }
+
+    /// What a pixel and those beside it have as their first variance on average.
+    pub(super) fn variance_around(&self, pixel: usize) -> f64 {
+        let [x, y] = self.order.place(pixel);
+        let [columns, rows] = [x, y].map(|n| n.saturating_sub(1)..=n + 1);
+        let around = rows.flat_map(|y| columns.clone().map(move |x| [x, y]));
+        let known = around
+            .filter_map(|place| self.pixels.get(self.order.number(place)?))
+            .filter_map(Pixel::first_variance);
+        let (count, sum) = known.fold((0.0, 0.0), |(n, sum), variance| (n + 1.0, sum + variance));
+        if count > 0.0 { sum / count } else { 0.0 }
+    }
+
+    /// Takes a square as it is if its bound is as small as the tolerance asks; else its pixel's
+    /// mean is left to rays that stand for themselves, if that may be.
+    pub(super) fn conclude(&mut self, grid: &PixelGrid, found: &Found, marched: &ToDo) {
+        let weight = grid.weight(&found.square);
+        let pixel = usize::from(found.square.pixel);
+        let may_be = |goal: &Goal| {
+            // What is saved on squares is of use to others of their pixel only if it is certified.
+            let has_prospect = self.scouts(pixel / GROUP_PIXELS).is_none();
+            let allowed = if has_prospect {
+                self.pixels[pixel].rate(goal.tolerance)
+            } else {
+                (1.0 - LEAST_MEAN_SHARE) * goal.tolerance
+            };
+            found.shares.total() > allowed && grid.has_area() && !goal.all_levels
+        };
+        if self.goal.as_ref().is_some_and(may_be) {
+            let alone = ToDo { quartered: true, alone: true, care: Care::Rough, ..marched.clone() };
+            self.pixels[pixel].leave(found, weight);
+            self.wait_alone(grid, found, &alone);
+        } else {
+            self.pixels[pixel].take(found, weight);
+        }
+    }
+
+    /// Lets a square wait for rays that stand for themselves; if there is no room, those that matter
+    /// least are drawn as they are.
+    pub(super) fn wait_alone(&mut self, grid: &PixelGrid, found: &Found, to_do: &ToDo) {
+        let weight = grid.weight(&found.square);
+        let urgency = self.urgency_alone(found, weight);
+        if !self.waiting.push(*found, urgency, to_do) {
+            for least in self.waiting.pop_least_alone() {
+                let weight = grid.weight(&least.square);
+                self.pixels[usize::from(least.square.pixel)].give_up(&least, weight);
+            }
+            if !self.waiting.push(*found, urgency, to_do) {
+                self.pixels[usize::from(found.square.pixel)].give_up(found, weight);
+            }
+        }
+    }
+
+    /// After all squares that bounds are sought of come witnesses, then groups of pixels in turn:
+    /// first what little is known of, the largest of it first, then the worst.
+    fn urgency_alone(&self, found: &Found, weight: f64) -> Urgency {
+        const WITNESSES: usize = BATCH_RAYS / GROUP_PIXELS;
+        const UNKNOWN: f64 = 1e200;
+        let pixel = usize::from(found.square.pixel);
+        let group = WITNESSES + 1 + pixel / GROUP_PIXELS;
+        match found.uneven {
+            _ if found.square.halvings == 0 && self.is_witness(pixel) => {
+                Urgency::new(WITNESSES, f64::INFINITY)
+            }
+            None if found.square.halvings == 0 => Urgency::new(group, f64::INFINITY),
+            Some(uneven) if !self.is_too_whole(found) => {
+                Urgency::new(group, weight * uneven.spread())
+            }
+            _ => Urgency::new(group, weight * UNKNOWN),
+        }
+    }
+
+    /// Decides on quarters in a group without prospect, whose pixels may be off by `median`: those
+    /// are looked into further in which most of what their whole may be off by has stayed, or that
+    /// may do more harm than that, as something small may be there that shines.
+    pub(super) fn judge_scouts(
+        &mut self,
+        grid: &PixelGrid,
+        (batch, median): (&Batch, f64),
+        outcome: &[Found],
+        next: &mut Next,
+    ) {
+        let (cut, care) = (batch.cut.clone(), batch.care);
+        let marched = ToDo { quartered: false, cut, before: care, care, alone: false };
+        for (whole, quarters) in batch.wholes.iter().zip(outcome.chunks_exact(4)) {
+            let harm = |found: &Found| grid.weight(&found.square) * movable(&found.shares, care);
+            let most = STANDS_OUT * harm(whole);
+            for quarter in quarters {
+                let (harm, bound) = (harm(quarter), movable(&quarter.shares, care));
+                let little = self.little(most.min(median));
+                let is_little = harm <= little && !self.may_hide(harm, bound);
+                if is_little || quarter.square.halvings >= MOST_HALVINGS {
+                    self.conclude(grid, quarter, &marched);
+                    continue;
+                }
+                // What shines in cells that are drawn too coarse, or is marched too roughly, can be
+                // anywhere in them.
+                if next.takes(std::slice::from_ref(quarter), &quarter.shares, bound, batch) {
+                    continue;
+                }
+                next.quartered.push(*quarter);
+            }
+        }
+    }
+
+    /// Decides on quarters of squares whose rays stand for themselves.
+    pub(super) fn judge_quarters(
+        &mut self,
+        grid: &PixelGrid,
+        batch: &Batch,
+        outcome: &[Found],
+        next: &mut Next,
+    ) {
+        let room = self.goal.map_or(f64::INFINITY, |goal| ALONE_SHARE * goal.tolerance);
+        for (whole, quarters) in batch.wholes.iter().zip(outcome.chunks_exact(4)) {
+            let mut mean = ErrorShares::default();
+            quarters.iter().for_each(|quarter| mean.add(&quarter.shares, 0.25));
+            let pixel = &self.pixels[usize::from(whole.square.pixel)];
+            let is_good = movable(&mean, batch.care) <= room
+                || pixel.beside_mean_with(whole, grid.weight(&whole.square), &mean) <= room;
+            if !is_good && next.takes(std::slice::from_ref(whole), &mean, room, batch) {
+                continue;
+            }
+            let values = from_fn(|n| &quarters[n].value);
+            self.doubt(whole, values);
+            let uneven = Unevenness::of(&whole.value, self.known(whole), values);
+            let uneven: [_; 4] =
+                from_fn(|n| uneven.of_quarter(n, values, self.beyond(&quarters[n])));
+            let pixel = &mut self.pixels[usize::from(whole.square.pixel)];
+            pixel.learn(whole, &uneven, grid.weight(&whole.square), &mean);
+            let uneven_quarter =
+                |(found, uneven): (&Found, Unevenness)| Found { uneven: Some(uneven), ..*found };
+            next.quartered.extend(quarters.iter().zip(uneven).map(uneven_quarter));
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! Whether rays can bring the bounds of pixels' areas within the tolerance.
+
+use super::{Batch, GROUP_PIXELS, Goal, Sheet, movable};
+use crate::render::camera::rays::PixelGrid;
+use crate::render::tiles::waiting::Found;
+
+/// Bounds that fall with a larger power of the number of rays fall fast: squares leave something
+/// behind that is small and bright.
+const FAST: f64 = 2.0;
+/// The slowest that bounds are taken to fall: with this power of the number of rays.
+const SLOWEST: f64 = 0.05;
+
+/// Bounds of this many times the light that was expected say that something may shine that has not
+/// been seen.
+const UNSEEN: f64 = 10.0;
+
+/// What a square may do to its pixel without being scouted, as a part of the tolerance; and as a part of
+/// the light that was expected, since pixels without a certificate come no closer.
+const LITTLE: f64 = 0.25;
+const LITTLE_OF_LIGHT: f64 = 1e-4;
+
+/// The pixels that are being refined.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct GroupInHand {
+    /// The group's number.
+    pub(super) number: usize,
+    /// What those of the last batch might be off by, and what their quarters may.
+    pub(super) fallen: [f64; 2],
+    /// Where there is no prospect of the tolerance: what its pixels may be off by, in the median.
+    /// What stands out is still scouted for.
+    pub(super) scouts: Option<f64>,
+}
+
+/// The power of the number of rays that bounds fall with, of what they were before each square was
+/// quartered and after: 1 where they are second order in the square's width, and far more where
+/// what is small and bright leaves most of the quarters. None before any was.
+pub(super) fn power([before, after]: [f64; 2]) -> Option<f64> {
+    (before > 0.0).then(|| ((before / after).ln() / 4f64.ln()).max(SLOWEST))
+}
+
+impl Sheet {
+    /// Looks at whether bounds of a group of pixels are sought, and fall fast enough. Where not, rays
+    /// that stand for squares go only where something small may shine. `found` are squares that wait
+    /// as well, to be marched `again` or quartered.
+    pub(super) fn settle(
+        &mut self,
+        grid: &PixelGrid,
+        (number, found): (usize, &[Found]),
+        again: bool,
+    ) {
+        let Some(goal) = self.goal.filter(|goal| grid.has_area() && !goal.all_levels) else {
+            return;
+        };
+        let begins = GroupInHand { number, fallen: [0.0; 2], scouts: None };
+        let mut group = self.group.filter(|group| group.number == number).unwrap_or(begins);
+        if group.scouts.is_none() {
+            let median = self.median_bound(grid, number, found);
+            // What falls as fast as that has not shown yet what will be left.
+            let is_fast = power(group.fallen).unwrap_or(goal.power) > FAST;
+            let left = goal.rays_per_pixel as f64 / self.taken(number);
+            let reach = power(group.fallen).map_or(f64::INFINITY, |power| left.powf(power));
+            let is_within_reach = goal.certifies && median <= reach * goal.tolerance;
+            let has_prospect = is_within_reach || is_fast || again && self.may_shine(median);
+            group.scouts = (!has_prospect).then_some(median);
+        }
+        self.group = Some(group);
+    }
+
+    /// Rays of each pixel of a group that stood for squares, on average.
+    fn taken(&self, number: usize) -> f64 {
+        let first = number * GROUP_PIXELS;
+        let pixels = first..(first + GROUP_PIXELS).min(self.pixels.len());
+        let count = pixels.len() as f64;
+        pixels.map(|pixel| self.marched(pixel)).sum::<f64>() / count
+    }
+
+    /// Whether what is off by so much may be something bright that no ray has met. Where it is shows
+    /// only in what rays are off by that are marched with care, through finer levels.
+    pub(super) fn may_shine(&self, bound: f64) -> bool {
+        self.goal.is_some_and(|goal| bound > UNSEEN * goal.behind)
+    }
+
+    /// Harm that need not be scouted for, where others do so much: a part of the tolerance at least.
+    pub(super) fn little(&self, others: f64) -> f64 {
+        let little =
+            |goal: Goal| (LITTLE * goal.tolerance).max(LITTLE_OF_LIGHT * goal.behind).max(others);
+        self.goal.map_or(others, little)
+    }
+
+    /// Whether a square of which so much is known may hold something that shines, and that matters to
+    /// its pixel.
+    pub(super) fn may_hide(&self, harm: f64, bound: f64) -> bool {
+        self.may_shine(bound) && self.goal.is_some_and(|goal| harm > goal.tolerance)
+    }
+
+    /// The median of what a group's pixels are off by.
+    pub(super) fn median_bound(&self, grid: &PixelGrid, number: usize, found: &[Found]) -> f64 {
+        let first = number * GROUP_PIXELS;
+        let pixels = self.pixels.iter().skip(first).take(GROUP_PIXELS);
+        let mut bounds: Vec<f64> = pixels.map(|pixel| pixel.shares.total()).collect();
+        for Found { square, shares, .. } in self.waiting.of_group(number).chain(found) {
+            bounds[usize::from(square.pixel) - first] += grid.weight(square) * shares.total();
+        }
+        bounds.sort_unstable_by(f64::total_cmp);
+        bounds[bounds.len() / 2]
+    }
+
+    /// The median of what a group's pixels may be off by, if there is no prospect of less.
+    pub(super) fn scouts(&self, group: usize) -> Option<f64> {
+        self.group.filter(|in_hand| in_hand.number == group).and_then(|group| group.scouts)
+    }
+
+    /// Notes how far bounds have fallen from squares to their quarters.
+    pub(super) fn compare(&mut self, grid: &PixelGrid, batch: &Batch, outcome: &[Found]) {
+        let bound = |found: &Found| grid.weight(&found.square) * movable(&found.shares, batch.care);
+        if let (Some(group), false) = (&mut self.group, batch.wholes.is_empty()) {
+            let fallen =
+                [batch.wholes.iter().map(bound).sum(), outcome.iter().map(bound).sum::<f64>()];
+            group.fallen = fallen;
+            self.fallen.iter_mut().zip(fallen).for_each(|(sum, bound)| *sum += bound);
+        }
+    }
+}

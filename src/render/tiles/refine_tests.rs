@@ -1,0 +1,298 @@
+use proptest::prelude::*;
+
+use super::*;
+use crate::render::testing::scene::{scene, view};
+
+const TOLERANCE: f64 = 1e-3;
+
+/// How far rays are off, by how large their squares are and what their cut allows.
+#[derive(Debug, Clone)]
+struct Errors {
+    /// Of each pixel in turn, for its whole area, parts of the tolerance.
+    area: Vec<f64>,
+    /// How fast that falls with the square's width.
+    order: i32,
+    /// Parts of the cut's limit.
+    levels: f64,
+    /// What nothing changes, parts of the tolerance.
+    fixed: f64,
+}
+
+impl Errors {
+    fn of(&self, square: &Square, cut: &Cut) -> ErrorShares {
+        let number = usize::from(square.pixel) % self.area.len();
+        // Unlike from place to place.
+        let place = 1.0 + (37.0 * square.centre[0] + 17.0 * square.centre[1]).sin();
+        let width = (2.0 * square.half()).powi(self.order);
+        ErrorShares {
+            levels: match cut {
+                Cut::Error(cut) => self.levels * cut.limit,
+                _ => 0.0,
+            },
+            pixel_area: self.area[number] * TOLERANCE * width * place,
+            rounding: self.fixed * TOLERANCE,
+            ..ErrorShares::default()
+        }
+    }
+}
+
+/// Draws a tile of white pixels; rays marched.
+fn draw(sheet: &mut Sheet, samples: &str, goal: Goal, errors: &Errors) -> u64 {
+    let scene = scene(&format!("samples = {samples}"), 9, 7);
+    let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+    sheet.start(&grid, grid.tile(0), &Method::Within(goal));
+    let mut rays = 0;
+    while let Some(batch) = sheet.next(&grid) {
+        assert!(!batch.squares.is_empty() && batch.squares.len() <= BATCH_RAYS);
+        assert!(batch.squares.is_sorted_by_key(|square| square.pixel));
+        rays += batch.squares.len() as u64;
+        let outcome = |square: &Square| Found {
+            square: *square,
+            value: [1.0; 4],
+            shares: errors.of(square, &batch.cut),
+            uneven: None,
+        };
+        sheet.judge(&grid, &batch, batch.squares.iter().map(outcome));
+    }
+    rays
+}
+
+fn errors() -> impl Strategy<Value = Errors> {
+    let area = prop::collection::vec((-3.0..1.0).prop_map(|p: f64| 10f64.powf(p)), 1..20);
+    (area, 1..3, 0.0..40.0, 0.0..0.5).prop_map(|(area, order, levels, fixed)| Errors {
+        area,
+        order,
+        levels,
+        fixed,
+    })
+}
+
+fn assert_whole(sheet: &mut Sheet) {
+    assert!(sheet.pixels.iter().all(|pixel| (pixel.weight - 1.0).abs() < 1e-9));
+    assert!(sheet.pixels().iter().flatten().all(|value| (value - 1.0).abs() < 1e-6));
+}
+
+fn goal(rays_per_pixel: u64, all_levels: bool) -> Goal {
+    let (behind, alone_per_pixel) = (1.0, rays_per_pixel);
+    let tolerance = TOLERANCE;
+    Goal {
+        tolerance,
+        behind,
+        rays_per_pixel,
+        alone_per_pixel,
+        least_halvings: 0,
+        certifies: true,
+        power: 1.0,
+        all_levels,
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+
+    #[test]
+    fn no_pixel_is_taken_above_its_allowance_while_rays_are_left(
+        errors in errors(),
+        all_levels in any::<bool>(),
+    ) {
+        let mut sheet = Sheet::default();
+        draw(&mut sheet, "\"area\"", goal(u64::MAX, all_levels), &errors);
+        for pixel in &sheet.pixels {
+            let total = pixel.bound().total();
+            prop_assert!(total <= TOLERANCE * (1.0 + 1e-9), "{total} {pixel:?}");
+        }
+        prop_assert!(sheet.error().shares.total() <= TOLERANCE * (1.0 + 1e-9));
+        assert_whole(&mut sheet);
+    }
+
+    #[test]
+    fn pixels_are_whole_and_say_their_error_when_rays_run_out(
+        errors in errors(),
+        most in 0..80_u64,
+    ) {
+        let mut sheet = Sheet::default();
+        let rays = draw(&mut sheet, "\"area\"", goal(most, false), &errors);
+        // The batch in hand is marched.
+        prop_assert!(rays < 63 * most.max(1) + BATCH_RAYS as u64, "{rays}, not {most} a pixel");
+        assert_whole(&mut sheet);
+        let worst = sheet.pixels.iter().map(|p| p.bound().total()).fold(0.0, f64::max);
+        prop_assert_eq!(sheet.error().shares.total(), worst);
+    }
+
+    #[test]
+    fn rays_without_area_go_through_finer_levels(errors in errors()) {
+        let errors = Errors { area: vec![0.0], ..errors };
+        let mut sheet = Sheet::default();
+        draw(&mut sheet, "3", goal(u64::MAX, false), &errors);
+        prop_assert!(sheet.error().shares.total() <= TOLERANCE * (1.0 + 1e-9));
+        assert_whole(&mut sheet);
+    }
+}
+
+#[test]
+fn a_tile_that_is_good_enough_takes_one_ray_a_pixel() {
+    let errors = Errors { area: vec![0.1], order: 1, levels: 1.0, fixed: 0.1 };
+    let rays = draw(&mut Sheet::default(), "\"area\"", goal(u64::MAX, false), &errors);
+    assert_eq!(rays, 63);
+}
+
+/// What a picture is to be whose pixels' bounds are sought if it `certifies`.
+fn likely(certifies: bool) -> Goal {
+    Goal { alone_per_pixel: 400, certifies, ..goal(64, false) }
+}
+
+/// Rays of what `light` says at each place, which may be off by `bound` as squares.
+fn draw_light(
+    ([width, height], goal): ([u32; 2], Goal),
+    light: impl Fn([f64; 2]) -> f64,
+    bound: impl Fn(&Square) -> f64,
+    check: impl Fn(usize, usize, &Pixel),
+) -> (u64, TileError) {
+    let scene = scene("samples = \"area\"", width, height);
+    let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+    let mut sheet = Sheet::default();
+    sheet.start(&grid, grid.tile(0), &Method::Within(goal));
+    let mut rays = 0;
+    while let Some(batch) = sheet.next(&grid) {
+        rays += batch.squares.len() as u64;
+        let outcome = |square: &Square| Found {
+            square: *square,
+            value: [light(square.centre); 4],
+            shares: ErrorShares {
+                pixel_area: if batch.has_area { bound(square) } else { 0.0 },
+                ..ErrorShares::default()
+            },
+            uneven: None,
+        };
+        sheet.judge(&grid, &batch, batch.squares.iter().map(outcome));
+    }
+    for (n, pixel) in sheet.pixels.iter().enumerate() {
+        let [x, y] = sheet.order.place(n).map(|n| n as usize);
+        check(x, y, pixel);
+    }
+    (rays, sheet.error())
+}
+
+#[test]
+fn where_no_bound_will_do_pixels_are_within_the_tolerance_all_the_same() {
+    // Edges, bends and ripples; the mean is taken of far more rays.
+    let light = |[x, y]: [f64; 2]| {
+        let edge = 0.4 / (1.0 + (-20.0 * (x + 0.3 * y - 5.1)).exp());
+        0.2 + edge + 0.01 * (x * y).sin() + 0.003 * (9.0 * x - 7.0 * y).sin()
+    };
+    let mean = |x: usize, y: usize| {
+        let at = |n: usize, k: usize| n as f64 + (k as f64 + 0.5) / 256.0;
+        let rows = (0..256).map(|k| (0..256).map(|j| light([at(x, j), at(y, k)])).sum::<f64>());
+        rows.sum::<f64>() / 65536.0
+    };
+    let bound = |_: &Square| 1e4 * TOLERANCE;
+    let (rays, error) = draw_light(([9, 7], likely(true)), light, bound, |x, y, pixel| {
+        let off = (pixel.value[0] - mean(x, y)).abs();
+        assert!(off <= TOLERANCE, "{off} at {x}, {y}");
+        assert!(off <= pixel.estimate() && pixel.estimate() <= TOLERANCE, "{}", pixel.estimate());
+        assert!(
+            pixel.bound().total()
+                >= bound(&Square { centre: [0.0; 2], offset: [0; 2], pixel: 0, halvings: 0 })
+        );
+    });
+    assert!(error.estimate <= TOLERANCE && error.shares.total() > TOLERANCE);
+    assert!(rays < 63 * 350, "{rays}");
+    // What is even takes but a few.
+    let (rays, _) = draw_light(([9, 7], likely(true)), |_| 0.5, bound, |_, _, _| {});
+    assert!(rays <= 63 * 21, "{rays}");
+    // So it does where bounds fell at first: that squares are even is known by then.
+    let falls =
+        |square: &Square| 60.0 * TOLERANCE * 4.6f64.powi(-i32::from(square.halvings.min(2)));
+    let (rays, error) = draw_light(([9, 7], likely(true)), |_| 0.5, falls, |_, _, _| {});
+    assert!(error.estimate <= TOLERANCE && error.shares.total() > TOLERANCE);
+    assert!((63 * 21..63 * 90).contains(&rays), "{rays}");
+}
+
+/// A bound that no number of rays brings within the tolerance.
+fn hopeless(_: &Square) -> f64 {
+    1e3 * TOLERANCE
+}
+
+#[test]
+fn pixels_that_their_neighbours_foretell_take_one_ray() {
+    // A bow across the picture, and in its middle a bump that is rough.
+    let light = |[x, y]: [f64; 2]| {
+        let rough = (-0.3 * ((x - 32.0).powi(2) + (y - 8.0).powi(2))).exp();
+        0.3 + 1e-4 * (x - 20.0).powi(2)
+            + 0.01 * y
+            + 0.01 * rough * (7.0 * x).sin() * (9.0 * y).cos()
+    };
+    let mean = |x: usize, y: usize| {
+        let at = |n: usize, k: usize| n as f64 + (k as f64 + 0.5) / 64.0;
+        let rows = (0..64).map(|k| (0..64).map(|j| light([at(x, j), at(y, k)])).sum::<f64>());
+        rows.sum::<f64>() / 4096.0
+    };
+    let (rays, error) = draw_light(([64, 16], likely(false)), light, hopeless, |x, y, pixel| {
+        let off = (pixel.value[0] - mean(x, y)).abs();
+        assert!(off <= TOLERANCE && off <= 1.1 * pixel.estimate() + 1e-9, "{off} at {x}, {y}");
+    });
+    assert!(error.estimate <= TOLERANCE && error.shares.total() > TOLERANCE);
+    // One for each, four more for a witness in sixteen, and some for the bump.
+    assert!((1024 + 256..6 * 1024).contains(&rays), "{rays}");
+    let (rays, _) =
+        draw_light(([64, 16], likely(false)), |[x, _]| 0.01 * x, hopeless, |_, _, _| {});
+    assert_eq!(rays, 1024 + 256);
+}
+
+#[test]
+fn neighbours_are_not_asked_where_more_may_shine_than_is_known_of() {
+    let unknown = |_: &Square| 9.0;
+    let light = |[x, _]: [f64; 2]| 0.01 * x;
+    let (rays, _) = draw_light(([64, 16], likely(false)), light, unknown, |_, _, _| {});
+    assert!(rays >= 5 * 1024, "{rays}");
+}
+
+#[test]
+fn pixels_of_small_pictures_take_more_rays_whatever_these_tell() {
+    // Spots of a seventh of a pixel's width in the dark, one of them in the tile's last pixel.
+    let spots = [[3.12, 2.31], [8.19, 6.81], [6.69, 0.08]];
+    let is_in = |[x, y]: [f64; 2], [a, b]: [f64; 2]| (x - a).abs().max((y - b).abs()) < 0.07;
+    let light = |at: [f64; 2]| f64::from(u8::from(spots.iter().any(|spot| is_in(at, *spot))));
+    let goal = Goal { least_halvings: 3, ..likely(false) };
+    let (rays, _) = draw_light(([9, 7], goal), light, hopeless, |x, y, pixel| {
+        let is_here = |spot: &[f64; 2]| spot.map(|c| c as usize) == [x, y];
+        let mean = if spots.iter().any(is_here) { 0.14 * 0.14 } else { 0.0 };
+        let off = (pixel.value[0] - mean).abs();
+        assert!(off <= TOLERANCE, "{off} at {x}, {y}");
+    });
+    assert!((63 * 85..63 * 400).contains(&rays), "{rays}");
+}
+
+#[test]
+fn what_is_alike_in_all_pixels_is_seen_by_witnesses() {
+    // Stairs of a pixel's width: centres lie on a straight line, and means on another one.
+    let light = |[x, y]: [f64; 2]| 0.01 * (x + 0.4).floor() - 0.02 * (y + 0.7).floor();
+    draw_light(([64, 16], likely(false)), light, hopeless, |x, y, pixel| {
+        let mean = 0.01 * (x as f64 + 0.4) - 0.02 * (y as f64 + 0.7);
+        let off = (pixel.value[0] - mean).abs();
+        // Rays through centres are ten times as far off as the tolerance.
+        assert!(off <= 2.0 * TOLERANCE, "{off} at {x}, {y}");
+    });
+}
+
+#[test]
+fn what_is_small_and_shines_is_not_lost_between_rays() {
+    // A spot of a thousandth of a pixel, as bright as a pixel all of it; squares know that it is
+    // near. The rows above are rough, so that all rays for themselves are spent there.
+    let (at, radius) = ([4.813, 13.377], 1e-3_f64);
+    let brightness = (std::f64::consts::TAU * radius * radius).recip();
+    let distance = |[x, y]: [f64; 2]| (x - at[0]).hypot(y - at[1]);
+    let light = |[x, y]: [f64; 2]| {
+        let rough = if y < 10.0 { 0.2 * (1e4 * (x * y).sin()).sin() } else { 0.0 };
+        0.3 + rough + brightness * (-0.5 * (distance([x, y]) / radius).powi(2)).exp()
+    };
+    let bound = |square: &Square| {
+        let is_near = distance(square.centre) < 5.0 * radius + 1.5 * square.half();
+        100.0 * TOLERANCE + if is_near { brightness.min(square.weight().recip()) } else { 0.0 }
+    };
+    draw_light(([64, 16], likely(true)), light, bound, |x, y, pixel| {
+        let truth = if (x, y) == (4, 13) { 1.3 } else { 0.3 };
+        let off = (pixel.value[0] - truth).abs();
+        assert!(y < 10 || off <= 2.0 * TOLERANCE, "{off} at {x}, {y}");
+    });
+}

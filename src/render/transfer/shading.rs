@@ -1,0 +1,177 @@
+//! From stored values to light: the scene's volume over one field of the cache.
+
+use crate::cache::{CachedField, FieldRecord, Header, NodeRecord, Precision};
+use crate::lanes::{Kernel, Lanes, Width};
+use crate::render::bounds::relief::Distance;
+use crate::scene::{
+    FieldExtrema, Interpolation, Mapping, Rounding, TransferFunction, Units, VolumeSettings,
+};
+use crate::{Error, Result};
+
+/// The field that is shown, and how its values become colours.
+#[derive(Debug, Clone)]
+pub(crate) struct Shading {
+    /// Which field of the cache.
+    pub field: usize,
+    /// What the field is between cell centres.
+    pub interpolation: Interpolation,
+    /// Absorption and emission over x.
+    pub transfer: TransferFunction,
+    mapping: Mapping,
+    /// A field value is this times the stored one.
+    factor: f64,
+    /// Largest relative error of a stored value against the source's.
+    relative_error: f64,
+    /// Largest relative error of a leaf cell's stored value against the source's.
+    leaf_error: f64,
+    /// Values below it, code units, are stored with fewer digits.
+    least_exact: f64,
+}
+
+/// Rounding of a relative error in f64, relative to it.
+const ERROR_ROUNDING: f64 = 1e-6;
+
+impl Shading {
+    /// Looks the volume's field up in the cache, without regard to case.
+    ///
+    /// # Errors
+    /// A field that the cache does not hold, cgs units where the source does not say how, and a
+    /// mapping without a finite range.
+    pub(crate) fn new(
+        volume: &VolumeSettings,
+        interpolation: Interpolation,
+        header: &Header,
+    ) -> Result<Self> {
+        let field = header
+            .find_field(&volume.field)
+            .map_err(|reason| Error::request(format!("the cache {reason}")))?;
+        let cached = &header.fields[field];
+        let to_units = units_factor(volume, cached)?;
+        // A field without any leaf value, all dropped or NaN, has no extrema: a constant then.
+        let none = cached.min > cached.max;
+        let extrema = FieldExtrema {
+            minimum: if none { 0.0 } else { cached.min },
+            maximum: if none { 0.0 } else { cached.max },
+            smallest_positive: cached.smallest_positive,
+        };
+        Ok(Self {
+            field,
+            interpolation,
+            transfer: TransferFunction::new(volume),
+            mapping: Mapping::new(volume.scale, volume.range, extrema, to_units)?,
+            factor: f64::from(cached.exponent).exp2(),
+            // Found in f64, which rounds.
+            relative_error: cached.relative_error * (1.0 + ERROR_ROUNDING),
+            leaf_error: cached.leaf_error * (1.0 + ERROR_ROUNDING),
+            least_exact: cached.least_exact(),
+        })
+    }
+
+    /// Whether values are stored with all digits that f32 has, so that reading fewer is worthwhile.
+    pub(crate) fn has_all_digits(&self) -> bool {
+        self.relative_error < f64::from(f32::EPSILON)
+    }
+
+    /// How far x of a brick's own values, between `low` and `high`, may be off where they are read in
+    /// fewer digits.
+    pub(crate) fn read_distance(
+        &self,
+        [low, high]: [f64; 2],
+        field: &FieldRecord,
+        precision: Precision,
+    ) -> f64 {
+        self.rounding(0.0, field, precision).between(low, high)
+    }
+
+    /// How far values of a brick are off as they are read, where those stored are by so much.
+    fn rounding(&self, stored: f64, field: &FieldRecord, precision: Precision) -> Rounding {
+        let read = f64::from(field.error(precision));
+        self.mapping.rounding(stored + read * (1.0 + stored), self.least_exact)
+    }
+
+    /// How far what a brick draws may be from the truth.
+    pub(crate) fn distance(
+        &self,
+        record: &NodeRecord,
+        field: &FieldRecord,
+        precision: Precision,
+    ) -> Distance {
+        let residual = match (record.descendants, self.interpolation) {
+            (0, _) => 0.0,
+            // Residuals are those of the interpolant.
+            (_, Interpolation::Cell) => f64::INFINITY,
+            (_, Interpolation::Linear) => {
+                let [linear, log10] = [field.residual_linear, field.residual_log10].map(f64::from);
+                self.mapping.distance(linear, log10)
+            }
+        };
+        Distance {
+            residual,
+            child_mask: record.child_mask,
+            fills_void: field.fills_void(),
+            tree: self.range(field),
+            storage: self.rounding(self.relative_error, field, precision),
+            leaf_storage: self.rounding(self.leaf_error, field, precision),
+            is_rounded: precision != Precision::Full,
+        }
+    }
+
+    /// What x can be in a brick's box at any level.
+    pub(super) fn range(&self, field: &FieldRecord) -> [f64; 2] {
+        let [low, high] = field.tree;
+        let nan = if field.has_nan(false) { self.map(f32::NAN) } else { f64::NAN };
+        if low > high {
+            return [nan.max(0.0), nan.max(0.0)];
+        }
+        // `min` and `max` pass over NaN.
+        [self.map(low).min(nan), self.map(high).max(nan)]
+    }
+
+    /// The transfer function's x of a stored value, unclamped.
+    pub(crate) fn map(&self, stored: f32) -> f64 {
+        self.mapping.unclamped(f64::from(stored) * self.factor)
+    }
+
+    /// [`Self::map`] of all `stored` values.
+    pub(crate) fn map_all(&self, stored: &[f32], x: &mut [f64]) {
+        Width::best().run(MapAll { shading: self, stored, x });
+    }
+
+    /// Whether nothing in [min, max] of stored values (and NaN, if `nan`) emits or absorbs. An
+    /// empty range holds nothing.
+    pub(crate) fn is_transparent(&self, [min, max]: [f32; 2], nan: bool) -> bool {
+        let values = min > max || self.transfer.is_transparent(self.map(min), self.map(max));
+        values && (!nan || self.transfer.is_transparent(self.map(f32::NAN), self.map(f32::NAN)))
+    }
+}
+
+/// The mapping of many values.
+struct MapAll<'m> {
+    shading: &'m Shading,
+    stored: &'m [f32],
+    x: &'m mut [f64],
+}
+
+impl Kernel for MapAll<'_> {
+    type Output = ();
+
+    // A plain loop, compiled for the processor that the lanes are of. By copies: for all that the
+    // compiler knows a reference might lead to the output, and then it takes values one by one.
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        let Shading { mapping, factor, .. } = self.shading;
+        let (mapping, factor) = (*mapping, *factor);
+        mapping.unclamped_all(self.stored, factor, self.x);
+    }
+}
+
+fn units_factor(volume: &VolumeSettings, field: &CachedField) -> Result<f64> {
+    match (volume.units, field.to_cgs) {
+        (Units::Code, _) => Ok(1.0),
+        (Units::Cgs, Some(factor)) => Ok(factor),
+        (Units::Cgs, None) => Err(Error::request(format!(
+            "field `{}` has no conversion to cgs in its source: use units = \"code\"",
+            field.name
+        ))),
+    }
+}

@@ -1,0 +1,58 @@
+//! What the transfer function does over a range of x.
+
+use super::run_tree::Run;
+use crate::render::bounds::ray_error::Change;
+
+/// What the transfer function does over a range of x.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Span {
+    /// Steepest slopes.
+    pub(crate) slope: Change,
+    /// Sum of changes but for steps, upward and downward ones all positive.
+    pub(crate) variation: Change,
+    /// Sum of steps.
+    pub(crate) jumps: Change,
+    /// Largest emission of any channel, and largest extinction.
+    pub(crate) most: Change,
+}
+
+impl Span {
+    /// The larger of each.
+    pub(crate) fn max(self, other: Self) -> Self {
+        Self {
+            slope: self.slope.max(other.slope),
+            variation: self.variation.max(other.variation),
+            jumps: self.jumps.max(other.jumps),
+            most: self.most.max(other.most),
+        }
+    }
+}
+
+impl Run for Span {
+    // Of both ranges, which meet.
+    fn and(self, other: Self) -> Self {
+        Self {
+            slope: self.slope.max(other.slope),
+            variation: self.variation.plus(other.variation),
+            jumps: self.jumps.plus(other.jumps),
+            most: self.most.max(other.most),
+        }
+    }
+}
+
+/// How far the transfer function is from linear over a range of x.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Smoothness {
+    /// Whether it steps.
+    pub(crate) steps: bool,
+    /// Steepest slopes.
+    pub(crate) slope: Change,
+    /// Largest half second derivative of the emission.
+    pub(super) bend: f64,
+    /// Largest difference of emission to what the pieces say.
+    pub(crate) deviation: f64,
+    /// Largest emission of any channel, and largest extinction.
+    pub(crate) most: Change,
+    /// Least extinction.
+    pub(crate) least_extinction: f64,
+}
