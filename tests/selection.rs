@@ -362,3 +362,23 @@ fn info_counts_the_cells_that_an_output_has() {
         assert!(cells >= leaves);
     }
 }
+
+#[test]
+fn what_lies_under_finer_grids_may_be_of_any_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets_synthetic/factor4.toml");
+    let text = std::fs::read_to_string(recipe).unwrap();
+    let facts = ["0.5", "1e305", "-1e308"].map(|covered| {
+        let target = folder.path().join(covered);
+        let edited = text.replacen("covered = 0.5", &format!("covered = {covered}"), 1);
+        assert!(covered == "0.5" || edited != text);
+        let recipe = written(folder.path(), &format!("{covered}.toml"), &edited);
+        let made = run(&[&"synth", &recipe, &"-o", &target, &"--format", &"amrex"]).done();
+        let mut facts = info(Path::new(made.split(": ").next().unwrap()));
+        let fields = facts["fields"].take();
+        assert!(fields[0]["sum"].is_number(), "{fields}");
+        fields
+    });
+    assert_eq!(facts[0], facts[1]);
+    assert_eq!(facts[0], facts[2]);
+}

@@ -101,6 +101,7 @@ impl Assembler<'_> {
                 draft.take_averages(child.octant(), &child.fields[field]);
             }
             self.check_complete(job, &draft)?;
+            self.check_values(job, field, &draft)?;
             let mut tally = Tally::default();
             counts = self.finish_leaves(job, &mut draft, &mut tally);
             let averages = average(self.shape.edge(), &draft.states, &draft.values, &draft.weights)
@@ -124,12 +125,6 @@ impl Assembler<'_> {
                 if states.iter().fold(0, |any, bits| any | bits) & state::EXISTS != 0 {
                     return Err(self.overlap(job, number, first)?);
                 }
-                let is_too_large = |value: &f64| value.abs() > LARGEST;
-                if values.iter().fold(false, |any, value| any | is_too_large(value))
-                    && let Some(i) = values.iter().position(is_too_large)
-                {
-                    return Err(self.too_large((number, field), first, i, values[i])?);
-                }
                 states.iter_mut().for_each(|bits| *bits |= state::EXISTS);
                 draft.values[start..start + values.len()].copy_from_slice(values);
                 Ok(())
@@ -147,6 +142,19 @@ impl Assembler<'_> {
                 &self.place,
                 format!("no grid covers root cell {:?}", draft.cell(at)),
             )),
+        }
+    }
+
+    /// Values must be of a size that averages and tallies can take; those under finer grids have been
+    /// replaced.
+    fn check_values(&self, job: &Job, field: usize, draft: &Draft) -> Result<()> {
+        let is_too_large = |value: &f64| value.abs() > LARGEST;
+        if !draft.values.iter().fold(false, |any, value| any | is_too_large(value)) {
+            return Ok(());
+        }
+        match draft.values.iter().position(is_too_large) {
+            Some(at) => Err(self.too_large(job, field, draft.cell(at), draft.values[at])?),
+            None => Ok(()),
         }
     }
 
@@ -208,23 +216,21 @@ impl Assembler<'_> {
         ))
     }
 
-    fn too_large(
-        &self,
-        (number, field): (u64, usize),
-        first: [i128; 3],
-        at: usize,
-        value: f64,
-    ) -> Result<Error> {
-        let grid = self.cells.grid(number)?;
-        let mut cell = first;
-        cell[0] += at as i128;
-        let (id, level) = (grid.id, grid.level);
+    fn too_large(&self, job: &Job, field: usize, cell: [i128; 3], value: f64) -> Result<Error> {
+        let one = IndexBox::at(cell, [1; 3]);
+        let mut whose = format!("octree level {}", job.octree);
+        for &number in &job.grids {
+            let grid = self.cells.grid(number)?;
+            if grid.cells().contains(&one) {
+                whose = format!("level {} (grid {})", grid.level, grid.id);
+            }
+        }
         let what = if value.is_finite() { "beyond ±1e300" } else { "infinite" };
         let name = self.cells.field_name(field).escape_debug().to_string();
         Ok(Error::invalid(
             &self.place,
             format!(
-                "field `{name}`, grid {id}: the value in cell {cell:?} of level {level} is {what}: limit \
+                "field `{name}`: the value in cell {cell:?} of {whose} is {what}: limit \
                  such values, as in --derive 'limited = max(-1e30, min({{{name}}}, 1e30))' --field \
                  limited"
             ),

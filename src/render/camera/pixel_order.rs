@@ -48,6 +48,13 @@ impl PixelOrder {
         is_inside.then(|| number(BLOCK.min(self.width - column), self.rows(y)) as usize)
     }
 
+    /// The number of the pixel so many columns and rows from the one at `place`, if the rectangle has
+    /// it.
+    pub(crate) fn beside(&self, place: [u32; 2], steps: [i32; 2]) -> Option<usize> {
+        let [x, y] = std::array::from_fn(|a| place[a].checked_add_signed(steps[a]));
+        self.number([x?, y?])
+    }
+
     /// The column and row of a pixel.
     pub(crate) fn place(&self, number: usize) -> [u32; 2] {
         let number = u32::try_from(number).unwrap_or(u32::MAX);

@@ -21,7 +21,7 @@ const STRIP_ROWS: u32 = 8;
 const SLACK: f64 = 1e-3;
 
 /// A half-open rectangle of pixels: `lo <= pixel < hi` along x and y.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct PixelRect {
     /// First column and row.
     pub lo: [u32; 2],

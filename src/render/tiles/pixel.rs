@@ -291,6 +291,11 @@ impl Unevenness {
         Self { edges, ..*self }
     }
 
+    /// What is known of a square of which only edges are known, as [`Self::with_edges`] has them.
+    pub(super) fn of_edges(edges: [f64; 4]) -> Self {
+        Self { spread: 0.0, slope: 0.0, bend: [0.0; 4], edges: [0; 4] }.with_edges(edges)
+    }
+
     /// This unevenness with other edges: by how much values may change at the left, right, upper
     /// and lower side.
     pub(super) fn with_edges(self, edges: [f64; 4]) -> Self {

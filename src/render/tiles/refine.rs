@@ -4,9 +4,11 @@
 mod alone;
 mod neighbours;
 mod prospect;
+mod rim;
 
 use self::neighbours::First;
 use self::prospect::{GroupInHand, power};
+use self::rim::Rim;
 use super::pixel::Pixel;
 use super::waiting::{Found, GROUP_PIXELS, ToDo, Urgency, Waiting};
 use crate::render::bounds::grade::Care;
@@ -38,6 +40,8 @@ pub(crate) struct Batch {
     pub(crate) care: Care,
     /// Whether they stand for their squares, not for themselves.
     pub(crate) has_area: bool,
+    /// Whether they are at the tile's outer sides, only to tell of these.
+    is_rim: bool,
     /// What squares that are marched again were found to be before, in order.
     again: Vec<Found>,
     /// What the others are quarters of, likewise; neither for a tile's first rays.
@@ -58,7 +62,9 @@ struct Chosen {
 #[derive(Default)]
 pub(crate) struct Sheet {
     pixels: Vec<Pixel>,
+    rect: PixelRect,
     order: PixelOrder,
+    rim: Rim,
     finished: Vec<[f32; 4]>,
     first: Option<Batch>,
     waiting: Waiting,
@@ -79,6 +85,7 @@ impl Sheet {
     /// Bytes that a sheet takes: pixels, the batch in hand and what it finds, and squares that
     /// wait.
     pub(crate) const BYTES: u64 = Waiting::BYTES
+        + Rim::BYTES
         + (BATCH_RAYS
             * (size_of::<Pixel>()
                 + size_of::<First>()
@@ -90,7 +97,9 @@ impl Sheet {
     pub(crate) fn start(&mut self, grid: &PixelGrid, rect: PixelRect, method: &Method) {
         self.pixels.clear();
         self.pixels.resize(rect.count(), Pixel::default());
+        self.rect = rect;
         self.order = PixelOrder::of(&rect);
+        self.rim.clear([self.order.width(), self.order.height()]);
         let mut squares = Vec::new();
         grid.first_squares(&rect, &mut squares);
         let cut = match method {
@@ -113,12 +122,17 @@ impl Sheet {
         self.waiting.clear();
         let has_area = grid.has_area();
         let (again, wholes) = Default::default();
-        self.first = Some(Batch { squares, cut, care: Care::Rough, has_area, again, wholes });
+        self.first =
+            Some(Batch { squares, cut, care: Care::Rough, has_area, is_rim: false, again, wholes });
     }
 
     /// The next rays to march; none when all pixels are known.
     pub(crate) fn next(&mut self, grid: &PixelGrid) -> Option<Batch> {
-        let batch = self.first.take().or_else(|| self.most_urgent(grid))?;
+        let first = self.first.take();
+        let batch = first.or_else(|| self.rim_batch(grid)).or_else(|| self.most_urgent(grid))?;
+        if batch.is_rim {
+            return Some(batch);
+        }
         let is_alone = grid.has_area() && !batch.has_area;
         let rays = if is_alone { &mut self.alone } else { &mut self.rays };
         *rays += batch.squares.len() as u64;
@@ -145,7 +159,7 @@ impl Sheet {
             if !squares.is_empty() {
                 let ToDo { cut, care, alone, .. } = to_do;
                 let has_area = grid.has_area() && !alone;
-                return Some(Batch { squares, cut, care, has_area, again, wholes });
+                return Some(Batch { squares, cut, care, has_area, is_rim: false, again, wholes });
             }
         }
         None
@@ -236,6 +250,10 @@ impl Sheet {
         outcome: impl Iterator<Item = Found>,
     ) {
         let mut outcome: Vec<_> = outcome.collect();
+        if batch.is_rim {
+            self.note_rim(&outcome);
+            return;
+        }
         let mut next = Next::default();
         let alone = grid.has_area() && !batch.has_area;
         if !alone && grid.has_area() {

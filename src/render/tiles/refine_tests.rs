@@ -141,6 +141,11 @@ fn likely(certifies: bool) -> Goal {
     Goal { alone_per_pixel: 400, certifies, ..goal(64, false) }
 }
 
+/// Rays on the outer sides of a tile none of whose pixels is close enough by its first ray.
+fn rim(width: u64, height: u64) -> u64 {
+    4 * (width + height)
+}
+
 /// Rays of what `light` says at each place, which may be off by `bound` as squares.
 fn draw_light(
     ([width, height], goal): ([u32; 2], Goal),
@@ -157,7 +162,7 @@ fn draw_light(
         rays += batch.squares.len() as u64;
         let outcome = |square: &Square| Found {
             square: *square,
-            value: [light(square.centre); 4],
+            value: [light(if batch.is_rim { square.place() } else { square.centre }); 4],
             shares: ErrorShares {
                 pixel_area: if batch.has_area { bound(square) } else { 0.0 },
                 ..ErrorShares::default()
@@ -199,7 +204,7 @@ fn where_no_bound_will_do_pixels_are_within_the_tolerance_all_the_same() {
     assert!(rays < 63 * 350, "{rays}");
     // What is even takes but a few.
     let (rays, _) = draw_light(([9, 7], likely(true)), |_| 0.5, bound, |_, _, _| {});
-    assert!(rays <= 63 * 21, "{rays}");
+    assert!(rays <= 63 * 21 + rim(9, 7), "{rays}");
     // So it does where bounds fell at first: that squares are even is known by then.
     let falls =
         |square: &Square| 60.0 * TOLERANCE * 4.6f64.powi(-i32::from(square.halvings.min(2)));
@@ -233,10 +238,37 @@ fn pixels_that_their_neighbours_foretell_take_one_ray() {
     });
     assert!(error.estimate <= TOLERANCE && error.shares.total() > TOLERANCE);
     // One for each, four more for a witness in sixteen, and some for the bump.
-    assert!((1024 + 256..6 * 1024).contains(&rays), "{rays}");
+    assert!((1024 + 256 + rim(64, 16)..6 * 1024).contains(&rays), "{rays}");
     let (rays, _) =
         draw_light(([64, 16], likely(false)), |[x, _]| 0.01 * x, hopeless, |_, _, _| {});
-    assert_eq!(rays, 1024 + 256);
+    assert_eq!(rays, 1024 + 256 + rim(64, 16));
+}
+
+#[test]
+fn edges_along_the_outer_sides_of_a_tile_are_seen() {
+    // A step beside all centres of the last row, and beside all of the first column, so that what is
+    // beyond lies in other tiles or nowhere; and one that cuts off a corner of a picture of a pixel.
+    type Step = fn([f64; 2]) -> f64;
+    let steps: [([u32; 2], Step); 3] = [
+        ([64, 16], |[x, y]| 15.7 + 0.003 * x - y),
+        ([64, 16], |[x, y]| x - 0.15 - 0.01 * y),
+        ([1, 1], |[x, y]| 1.6 - x - y),
+    ];
+    for (size, is_lit) in steps {
+        let light = |at: [f64; 2]| f64::from(u8::from(is_lit(at) > 0.0));
+        let mean = |x: usize, y: usize| {
+            let at = |n: usize, k: usize| n as f64 + (k as f64 + 0.5) / 128.0;
+            let rows = (0..128).map(|k| (0..128).map(|j| light([at(x, j), at(y, k)])).sum::<f64>());
+            rows.sum::<f64>() / 16384.0
+        };
+        let goal = Goal { tolerance: 0.02, ..likely(false) };
+        let bound = |_: &Square| 1.0;
+        draw_light((size, goal), light, bound, |x, y, pixel| {
+            let off = (pixel.value[0] - mean(x, y)).abs();
+            // These rays are at squares' centres, beside an edge all alike.
+            assert!(off <= 2.0 * goal.tolerance, "{off} at {x}, {y} of {size:?}");
+        });
+    }
 }
 
 #[test]

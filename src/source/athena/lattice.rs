@@ -87,8 +87,11 @@ pub(super) fn place(
     let width = domain.cell_width(octree.cast_signed());
     for a in 0..3 {
         let spacing = &header.spacing[a];
-        // The domain's width is of few digits too.
-        if (spacing.value - width[a]).abs() > 4.0 * spacing.error().max(1e-6 * width[a]) {
+        // The domain's width is of few digits too, and its upper edge of as few as the lower one.
+        let farthest = domain.left()[a].abs().max(domain.right()[a].abs());
+        let cells = (domain.root_cells()[a] as f64) * f64::from(octree).exp2();
+        let slack = spacing.error().max(1e-6 * width[a]).max(1e-6 * farthest / cells);
+        if (spacing.value - width[a]).abs() > 4.0 * slack {
             return Err(format!(
                 "its cells are {} wide along {}, but those of level {level} are {:e}",
                 spacing.value, AXES[a], width[a]

@@ -147,6 +147,18 @@ fn edges_are_what_few_digits_stand_for() {
 }
 
 #[test]
+fn edges_far_from_the_origin_have_few_digits_too() {
+    // The upper edge, 54.196125, is taken for 54.1961.
+    let place = "5.386800e+01 0.000000e+00 0.000000e+00";
+    let width = "1.562500e-02 1.562500e-02 1.562500e-02";
+    let mut made = Made::new();
+    made.files = vec![("B.0001.vtk", header(0, [22, 3, 3], place, width), 84)];
+    made.write();
+    let [(grid, _)] = &made.read(0).unwrap()[..] else { panic!("one grid") };
+    assert_eq!((grid.lo, grid.size), ([0; 3], [21, 2, 2]));
+}
+
+#[test]
 fn files_that_do_not_fit_are_named() {
     for (number, from, to, expected) in [
         (0, "BINARY", "ASCII", "`ASCII`: only binary"),

@@ -97,9 +97,9 @@ pub(super) fn read_grid(path: &Path, pool: &Pool, id: u64, level: u32) -> Result
         end: group.integers("GridEndIndex").map_err(fault)?,
         left: group.edges("GridLeftEdge").map_err(fault)?,
         right: group.edges("GridRightEdge").map_err(fault)?,
-        file: text("BaryonFileName")
-            .or_else(|| text("ParticleFileName"))
-            .ok_or_else(|| fault("has no attribute BaryonFileName".into()))?,
+        file: text("BaryonFileName").or_else(|| text("ParticleFileName")).ok_or_else(|| {
+            fault("has neither BaryonFileName nor ParticleFileName: it holds no fields".into())
+        })?,
     })
 }
 

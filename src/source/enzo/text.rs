@@ -118,10 +118,10 @@ impl Draft {
             end: self.end.ok_or_else(|| missing("GridEndIndex"))?,
             left: self.left.ok_or_else(|| missing("GridLeftEdge"))?,
             right: self.right.ok_or_else(|| missing("GridRightEdge"))?,
-            file: self
-                .baryon_file
-                .or(self.particle_file)
-                .ok_or_else(|| missing("BaryonFileName"))?,
+            file: self.baryon_file.or(self.particle_file).ok_or_else(|| {
+                let reason = "has no BaryonFileName: truncated, or a run without baryon fields?";
+                Error::invalid(&place, reason)
+            })?,
         })
     }
 }

@@ -19,8 +19,22 @@ pub(super) struct Header {
     pub(super) blocks: u64,
     /// Code time.
     pub(super) time: Option<f64>,
-    /// Whether the run says that its units are cgs.
-    pub(super) is_cgs: bool,
+    /// What values are given in.
+    pub(super) units: Units,
+}
+
+/// What a run says of its units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Units {
+    /// Nothing that can be relied on.
+    Unknown,
+    /// They are cgs.
+    Cgs,
+    /// They are those of comoving quantities in cgs.
+    Comoving {
+        /// 1/(1 + z).
+        scale_factor: f64,
+    },
 }
 
 impl Header {
@@ -44,7 +58,7 @@ impl Header {
         let cells: u128 = block_size.iter().map(|&n| u128::from(n)).product();
         file.check_holds(blocks, cells)?;
         let time = lists.floating("time").filter(|time| time.is_finite());
-        Ok(Self { domain, block_size, root_blocks, blocks, time, is_cgs: lists.is_cgs() })
+        Ok(Self { domain, block_size, root_blocks, blocks, time, units: lists.units() })
     }
 }
 
@@ -121,14 +135,21 @@ impl<'p> Lists<'p> {
         Ok(())
     }
 
-    /// Whether the run says that it computes in cgs: `pc_unitsBase` is what physical constants
-    /// are given in, and `UnitSystem` (of magnetic fields) must not contradict it.
-    fn is_cgs(&self) -> bool {
+    /// What the run computes in: `pc_unitsBase` is what physical constants are given in, and
+    /// `UnitSystem` (of magnetic fields) must not contradict it.
+    fn units(&self) -> Units {
         let says = |key: &str, words: &[&str]| {
             self.text(key).is_some_and(|text| words.contains(&text.to_lowercase().as_str()))
         };
-        says("pc_unitsbase", &["cgs"])
-            && (self.text("unitsystem").is_none() || says("unitsystem", &["none", "cgs"]))
+        let is_cgs = says("pc_unitsbase", &["cgs"])
+            && (self.text("unitsystem").is_none() || says("unitsystem", &["none", "cgs"]));
+        let is_comoving = self.integer("usecosmology").is_some_and(|is_used| is_used != 0);
+        match self.floating("scalefactor").filter(|factor| *factor > 0.0 && factor.is_finite()) {
+            _ if !is_cgs => Units::Unknown,
+            _ if !is_comoving => Units::Cgs,
+            Some(scale_factor) => Units::Comoving { scale_factor },
+            None => Units::Unknown,
+        }
     }
 
     fn integer(&self, key: &str) -> Option<i64> {

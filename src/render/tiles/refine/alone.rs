@@ -107,7 +107,8 @@ impl Sheet {
     /// How uneven a square is. Five rays may be alike beside an edge that a pixel's neighbours see.
     pub(super) fn known(&self, whole: &Found) -> Option<Unevenness> {
         if whole.square.halvings == 0 {
-            self.foretell(usize::from(whole.square.pixel))
+            let pixel = usize::from(whole.square.pixel);
+            self.foretell(pixel).or_else(|| Some(Unevenness::of_edges(self.edges(pixel))))
         } else {
             whole.uneven
         }

@@ -6,6 +6,7 @@
 //! one, a *witness*, is quartered whatever its neighbours say. Where its quarters have another mean
 //! than they foretold, those around it are believed by as much less.
 
+use super::rim::SIDES;
 use super::{Batch, Sheet};
 use crate::render::camera::pixel_order::BLOCK;
 use crate::render::tiles::pixel::{Unevenness, own};
@@ -33,9 +34,6 @@ pub(super) struct First {
     bound: f64,
     marched: u32,
 }
-
-/// Towards the pixels at the left, at the right, above and below.
-const SIDES: [[i32; 2]; 4] = [[-1, 0], [1, 0], [0, -1], [0, 1]];
 
 impl Sheet {
     /// Counts rays that stand for squares, and notes what those of whole pixels have found.
@@ -91,21 +89,32 @@ impl Sheet {
             let number = self.order.number([middle[0] + n % 3 - 1, middle[1] + n / 3 - 1])?;
             *value = self.firsts[number].value.map(f64::from);
         }
-        let edges = SIDES.map(|side| self.edge(self.order.place(pixel), side));
-        Some(Unevenness::around(&values).with_edges(edges))
+        Some(Unevenness::around(&values).with_edges(self.edges(pixel)))
+    }
+
+    /// By how much values may change at the sides of a pixel, as far as first rays tell.
+    pub(super) fn edges(&self, pixel: usize) -> [f64; 4] {
+        let place = self.order.place(pixel);
+        std::array::from_fn(|side| self.edge(place, side))
+    }
+
+    /// What the first ray of a pixel may be off by for its square.
+    pub(super) fn first_bound(&self, pixel: usize) -> f64 {
+        self.firsts[pixel].bound
+    }
+
+    /// What the first ray of the pixel so many steps beside the one at `place` has found.
+    pub(super) fn first(&self, place: [u32; 2], steps: [i32; 2]) -> Option<[f64; 4]> {
+        let number = self.order.beside(place, steps)?;
+        Some(self.firsts[number].value.map(f64::from))
     }
 
     /// By how much a ray differs from the first rays of the pixels beside its own, on each side.
     pub(super) fn beyond(&self, found: &Found) -> [f64; 4] {
         let place = self.order.place(usize::from(found.square.pixel));
-        SIDES.map(|side| {
-            let [x, y] = [0, 1].map(|a| place[a].checked_add_signed(side[a]));
-            let next = x.zip(y).and_then(|(x, y)| self.order.number([x, y]));
-            let change = |number: usize| {
-                let next = self.firsts[number].value;
-                (0..4).map(|c| (f64::from(next[c]) - found.value[c]).abs()).fold(0.0, f64::max)
-            };
-            next.map_or(0.0, change)
+        std::array::from_fn(|side| match self.first(place, SIDES[side]) {
+            Some(next) => (0..4).map(|c| (next[c] - found.value[c]).abs()).fold(0.0, f64::max),
+            None => self.beyond_rim(place, side, &found.value),
         })
     }
 
@@ -113,13 +122,10 @@ impl Sheet {
     /// an edge may run beside all rays of both, and of all pixels along it. What varies smoothly
     /// changes alike from pixel to pixel, and has a third difference of nearly 0, where an edge has
     /// two of once and one of twice its height.
-    fn edge(&self, place: [u32; 2], side: [i32; 2]) -> f64 {
-        let first = |steps: i32| {
-            let [x, y] = [0, 1].map(|a| place[a].checked_add_signed(steps * side[a]));
-            Some(self.firsts[self.order.number([x?, y?])?].value.map(f64::from))
-        };
+    fn edge(&self, place: [u32; 2], side: usize) -> f64 {
+        let first = |steps: i32| self.first(place, SIDES[side].map(|towards| steps * towards));
         let [before, own, next, behind] = [-1, 0, 1, 2].map(first);
-        let (Some(own), Some(next)) = (own, next) else { return 0.0 };
+        let (Some(own), Some(next)) = (own, next) else { return self.edge_at_rim(place, side) };
         let third = |values: [[f64; 4]; 4], c: usize| {
             (values[3][c] - 3.0 * values[2][c] + 3.0 * values[1][c] - values[0][c]).abs()
         };
