@@ -207,3 +207,21 @@ fn kind(path: &Path) -> &'static str {
         "a file"
     }
 }
+
+/// Every grid with all values of field `field`; of grids too large for tests the first alone.
+#[cfg(test)]
+pub(crate) fn read_all(source: &dyn Source, field: usize) -> Result<Vec<(GridRecord, Vec<f64>)>> {
+    let mut grids = Vec::new();
+    source.for_each_grid(&mut |grid| {
+        grids.push((grid, Vec::new()));
+        Ok(())
+    })?;
+    for (grid, values) in &mut grids {
+        let cells = grid.size.iter().try_fold(1u64, |n, &s| n.checked_mul(u64::from(s)));
+        let size = if cells.is_some_and(|n| n < 1 << 16) { grid.size } else { [1; 3] };
+        let block = GridBlock { lo: [0; 3], size };
+        values.resize(block.len(), 0.0);
+        source.read(grid, field, block, values)?;
+    }
+    Ok(grids)
+}

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::Result;
 use crate::source::raw::Number;
-use crate::source::{GridBlock, GridRecord};
+use crate::source::{GridRecord, read_all};
 
 /// A plotfile in the making: root 4 × 6 × 8 in [−1, 1] × [0, 3] × [0, 2], refined by 2, then by 4.
 /// Indices begin at (2, −3, 1) on the root level.
@@ -143,15 +143,5 @@ impl Made {
 /// Every grid of the plotfile at `path` with all values of field `field`.
 pub(super) fn read(path: &Path, field: usize) -> Result<Vec<(GridRecord, Vec<f64>)>> {
     let source = crate::source::open(path, Some("amrex"))?;
-    let mut grids = Vec::new();
-    source.for_each_grid(&mut |grid| {
-        grids.push((grid, Vec::new()));
-        Ok(())
-    })?;
-    for (grid, values) in &mut grids {
-        let block = GridBlock { lo: [0; 3], size: grid.size };
-        values.resize(block.len(), 0.0);
-        source.read(grid, field, block, values)?;
-    }
-    Ok(grids)
+    read_all(&*source, field)
 }

@@ -1,6 +1,7 @@
 //! Tests of the Athena reader on small made-up outputs.
 
 use super::*;
+use crate::source::read_all;
 use crate::space::Domain;
 
 /// An output in the making: two processes share a root grid of 4 × 6 × 8 cells in
@@ -68,17 +69,7 @@ impl Made {
     /// Every grid with all values of the field `field`.
     fn read(&self, field: usize) -> Result<Vec<(GridRecord, Vec<f64>)>> {
         let source = crate::source::open(self.folder.path(), Some("athena"))?;
-        let mut grids = Vec::new();
-        source.for_each_grid(&mut |grid| {
-            grids.push((grid, Vec::new()));
-            Ok(())
-        })?;
-        for (grid, values) in &mut grids {
-            let block = GridBlock { lo: [0; 3], size: grid.size };
-            values.resize(block.len(), 0.0);
-            source.read(grid, field, block, values)?;
-        }
-        Ok(grids)
+        read_all(&*source, field)
     }
 
     /// What reading says after `from` is replaced by `to` in the header of file `number`.

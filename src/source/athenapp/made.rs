@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use hdf5_pure::{AttrValue, Datatype, DatatypeByteOrder, FileBuilder, make_f32_type};
 
 use crate::Result;
-use crate::source::{GridBlock, GridRecord, Source};
+use crate::source::{GridRecord, read_all};
 
 /// How values are stored.
 #[derive(Clone, Copy, PartialEq)]
@@ -121,17 +121,7 @@ impl MadeOutput {
     /// Every grid with all values of field `field`.
     pub(super) fn read(&self, field: usize) -> Result<Vec<(GridRecord, Vec<f64>)>> {
         let source = super::AthenaPp::open(&self.path())?;
-        let mut grids = Vec::new();
-        source.for_each_grid(&mut |grid| {
-            grids.push((grid, Vec::new()));
-            Ok(())
-        })?;
-        for (grid, values) in &mut grids {
-            let block = GridBlock { lo: [0; 3], size: grid.size };
-            values.resize(block.len(), 0.0);
-            source.read(grid, field, block, values)?;
-        }
-        Ok(grids)
+        read_all(&source, field)
     }
 
     #[track_caller]

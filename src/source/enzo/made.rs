@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use hdf5_pure::{AttrValue, FileBuilder};
 
 use crate::Result;
-use crate::source::{GridBlock, GridRecord};
+use crate::source::{GridRecord, read_all};
 
 /// A grid of a made-up dump. Its data are its number plus the cell's place in the grid.
 #[derive(Clone)]
@@ -133,20 +133,8 @@ impl MadeDump {
     /// Every grid with all its densities.
     pub(super) fn read(&self) -> Result<Vec<(GridRecord, Vec<f64>)>> {
         let source = crate::source::open(&self.path(), Some("enzo"))?;
-        let mut grids = Vec::new();
-        source.for_each_grid(&mut |grid| {
-            grids.push((grid, Vec::new()));
-            Ok(())
-        })?;
-        for (grid, values) in &mut grids {
-            let cells = grid.size.iter().try_fold(1u64, |n, &s| n.checked_mul(u64::from(s)));
-            // Whoever reads takes large grids in blocks.
-            let size = if cells.is_some_and(|n| n < 1 << 16) { grid.size } else { [1; 3] };
-            let block = GridBlock { lo: [0; 3], size };
-            values.resize(block.len(), 0.0);
-            source.read(grid, source.hierarchy().density.unwrap_or(0), block, values)?;
-        }
-        Ok(grids)
+        let density = source.hierarchy().density.unwrap_or(0);
+        read_all(&*source, density)
     }
 
     pub(super) fn error(&self) -> String {

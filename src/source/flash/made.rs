@@ -8,7 +8,7 @@ use hdf5_pure::{
 };
 
 use crate::Result;
-use crate::source::{GridBlock, GridRecord, Source};
+use crate::source::{GridRecord, read_all};
 
 /// A file in the making: 3 × 1 × 1 root blocks of 2 × 4 × 6 cells in [−1, 2] × [0, 1] × [0, 3];
 /// the second is refined, numbers 3 to 10 are its children, number 11 is the third root block.
@@ -126,17 +126,7 @@ impl MadeFile {
     /// Every grid with all values of field `field`.
     pub(super) fn read(&self, field: usize) -> Result<Vec<(GridRecord, Vec<f64>)>> {
         let source = super::Flash::open(&self.path())?;
-        let mut grids = Vec::new();
-        source.for_each_grid(&mut |grid| {
-            grids.push((grid, Vec::new()));
-            Ok(())
-        })?;
-        for (grid, values) in &mut grids {
-            let block = GridBlock { lo: [0; 3], size: grid.size };
-            values.resize(block.len(), 0.0);
-            source.read(grid, field, block, values)?;
-        }
-        Ok(grids)
+        read_all(&source, field)
     }
 
     #[track_caller]
