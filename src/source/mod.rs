@@ -203,6 +203,8 @@ fn kind(path: &Path) -> &'static str {
         "a folder"
     } else if hdf5::is_hdf5(path) {
         "an HDF5 file"
+    } else if hdf5::is_behind_user_block(path) {
+        "an HDF5 file behind a user block, which is not read (h5unjam takes it off)"
     } else {
         "a file"
     }

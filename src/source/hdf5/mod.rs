@@ -15,7 +15,7 @@ mod pure_number;
 mod tests;
 
 use std::collections::BTreeMap;
-use std::io::Read;
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 pub use pool::Pool;
@@ -332,9 +332,23 @@ impl File {
 
 /// Whether a file starts as HDF5 files do (a user block before it is not looked behind).
 pub fn is_hdf5(path: &Path) -> bool {
+    starts_at(path, 0)
+}
+
+/// Whether what starts as HDF5 files do stands behind a user block, of 512 bytes or twice, four times
+/// that, and so on (HDF5 File Format Specification, II.A): such files are not read.
+pub fn is_behind_user_block(path: &Path) -> bool {
+    const LARGEST: u32 = 20;
+    (9..=LARGEST).any(|power| starts_at(path, 1 << power))
+}
+
+fn starts_at(path: &Path, place: u64) -> bool {
     const SIGNATURE: &[u8; 8] = b"\x89HDF\r\n\x1a\n";
     let mut start = [0; 8];
-    let read = regular_file::open(path).and_then(|mut file| file.read_exact(&mut start));
+    let read = regular_file::open(path).and_then(|mut file| {
+        file.seek(SeekFrom::Start(place))?;
+        file.read_exact(&mut start)
+    });
     read.is_ok() && start == *SIGNATURE
 }
 

@@ -278,3 +278,20 @@ fn bits(file: &File, dataset: &str) -> Vec<u64> {
     file.read_f64(dataset, &vec![0; shape.len()], &shape, &mut out).unwrap();
     out.iter().map(|v| v.to_bits()).collect()
 }
+
+#[test]
+fn what_stands_behind_a_user_block_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let behind = |block: usize| {
+        let path = folder.path().join(format!("{block}.h5"));
+        std::fs::write(&path, [&vec![7; block], &b"\x89HDF\r\n\x1a\nmore"[..]].concat()).unwrap();
+        path
+    };
+    let found = [0, 512, 1024, 700].map(|block| {
+        let path = behind(block);
+        (is_hdf5(&path), is_behind_user_block(&path))
+    });
+    assert_eq!(found, [(true, false), (false, true), (false, true), (false, false)]);
+    let said = crate::source::open(&behind(2048), None).err().unwrap().to_string();
+    assert!(said.contains("is an HDF5 file behind a user block"), "{said}");
+}

@@ -2,7 +2,7 @@
 //!
 //! Each ray walks from dual cell to dual cell ([`walk`]), from crossing to crossing as sums of two f32
 //! ([`long`]), so that cells at its end are placed as exactly as those at its beginning. Where rays come into the
-//! brick is worked out before, in f64 (`march_packets/seats.rs`). Within a cell the interpolant
+//! brick is worked out before, in f64 (`packets/seats.rs`). Within a cell the interpolant
 //! ([`cube`]) at two Gauss–Legendre nodes gives emission and extinction by table ([`shade`],
 //! [`crate::render::transfer::table`]): bins with two lines each, which meet at a corner of the transfer
 //! function. The optical depth up to a node is that of extinction linear between the nodes
