@@ -374,7 +374,10 @@ fn what_lies_under_finer_grids_may_be_of_any_size() {
         assert!(covered == "0.5" || edited != text);
         let recipe = written(folder.path(), &format!("{covered}.toml"), &edited);
         let made = run(&[&"synth", &recipe, &"-o", &target, &"--format", &"amrex"]).done();
-        let mut facts = info(Path::new(made.split(": ").next().unwrap()));
+        let input = Path::new(made.split(": ").next().unwrap());
+        let mut facts = info(input);
+        let cache = folder.path().join("derived.dfc");
+        run(&[&"ingest", &input, &"-o", &cache, &"--derive", &"a=1e200*density*density"]).done();
         let fields = facts["fields"].take();
         assert!(fields[0]["sum"].is_number(), "{fields}");
         fields

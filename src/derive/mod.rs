@@ -159,35 +159,11 @@ impl<'s> Derived<'s> {
                         &operands.unwrap_or_default(),
                         &mut values,
                     );
-                    self.check(derived, grid, block, &values)?;
                 }
             }
             computed.push(values);
         }
         Ok(computed)
-    }
-
-    /// Refuses infinite values: averages and interpolants of them mean nothing.
-    fn check(
-        &self,
-        field: &DerivedField,
-        grid: &GridRecord,
-        block: GridBlock,
-        values: &[f64],
-    ) -> Result<()> {
-        let Some(at) = values.iter().position(|value| value.is_infinite()) else { return Ok(()) };
-        let [nx, ny, _] = block.size.map(|n| n as usize);
-        let local = [at % nx, at / nx % ny, at / nx / ny];
-        let cell: [i128; 3] =
-            std::array::from_fn(|a| grid.lo[a] + i128::from(block.lo[a]) + local[a] as i128);
-        Err(Error::invalid(
-            self.path().display(),
-            format!(
-                "derived field `{}` is infinite in cell {cell:?} of level {} (grid {}): keep it \
-                 finite, as `max(x, 1e-30)` does for a divisor or a logarithm",
-                field.name, grid.level, grid.id
-            ),
-        ))
     }
 }
 

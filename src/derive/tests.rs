@@ -167,15 +167,6 @@ fn what_cannot_be_derived_is_refused_with_what_to_do() {
 }
 
 #[test]
-fn infinite_values_are_told_with_their_cell() {
-    let made = Made::new();
-    let derived = Derived::new(&made, &["a=1/(colour-colour)".to_owned()]).unwrap();
-    let block = GridBlock { lo: [1, 2, 3], size: [2; 3] };
-    let failed = derived.read(&GRIDS[1], 4, block, &mut [0.0; 8]).unwrap_err().to_string();
-    assert!(failed.contains("`a` is infinite in cell [9, 18, 27] of level 1 (grid 7)"), "{failed}");
-}
-
-#[test]
 fn only_more_than_a_name_is_an_expression() {
     for (text, expected) in [
         ("density * 2", true),

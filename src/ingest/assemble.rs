@@ -232,7 +232,7 @@ impl Assembler<'_> {
             format!(
                 "field `{name}`: the value in cell {cell:?} of {whose} is {what}: limit \
                  such values, as in --derive 'limited = max(-1e30, min({{{name}}}, 1e30))' --field \
-                 limited"
+                 limited, or what a derived field divides by or takes the logarithm of"
             ),
         ))
     }

@@ -80,7 +80,7 @@ fn describe(name: &str, units: Units) -> SourceField {
         Units::Cgs => Some(1.0),
         Units::Comoving { scale_factor } => power.map(|power| scale_factor.powi(power)),
     });
-    // Products and quotients of what no double holds are no unit.
+    // A factor beyond what doubles hold is none.
     let factor = factor.filter(|factor| factor.is_normal());
     SourceField {
         name: name.to_owned(),

@@ -34,6 +34,22 @@ fn what_a_file_says_of_itself() {
     assert_eq!((hierarchy.fields[1].to_cgs, hierarchy.fields[0].to_cgs), (Some(1.0), None));
 }
 
+#[test]
+fn comoving_runs_say_their_scale_factor() {
+    let density = |used: i32, scale_factor: Option<f64>| {
+        let mut file = MadeFile::new();
+        file.integers.push(("usecosmology", used));
+        file.reals.extend(scale_factor.map(|factor| ("scalefactor", factor)));
+        file.write();
+        crate::source::open(&file.path(), None).unwrap().hierarchy().fields[1].to_cgs
+    };
+    assert_eq!(density(1, Some(0.5)), Some(8.0));
+    assert_eq!(density(0, Some(0.5)), Some(1.0));
+    for none in [None, Some(0.0), Some(f64::NAN)] {
+        assert_eq!(density(1, none), None);
+    }
+}
+
 /// A chain of blocks, each the first child's first child, far deeper than bounding boxes tell.
 fn chain(depth: usize) -> MadeFile {
     let mut file = MadeFile::new();
