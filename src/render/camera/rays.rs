@@ -148,11 +148,11 @@ pub(crate) struct PixelGrid {
 impl PixelGrid {
     /// The pixels of `view`, with the rays that `samples` asks for.
     pub(crate) fn new(view: &View, samples: Samples) -> Self {
-        let per_axis = match samples {
-            Samples::Area => 1,
-            Samples::Grid(n) => n.clamp(1, TILE_SIDE),
+        let tile = match samples {
+            Samples::Area => area_tile(u64::from(view.width()) * u64::from(view.height())),
+            Samples::Grid(n) => TILE_SIDE / n.clamp(1, TILE_SIDE),
         };
-        Self { view: view.clone(), samples, tile: (TILE_SIDE / per_axis).max(1), part: 1.0 }
+        Self { view: view.clone(), samples, tile, part: 1.0 }
     }
 
     /// The pixels of `view` as samples of those of a larger picture: each has the area of one that
@@ -293,6 +293,21 @@ impl PixelGrid {
     fn tile_counts(&self) -> [u32; 2] {
         [self.view.width().div_ceil(self.tile), self.view.height().div_ceil(self.tile)]
     }
+}
+
+/// Tiles that a picture of areas has at least, however small it is, and their least edge, pixels: its
+/// pixels may take thousands of rays, and threads share nothing smaller than tiles. Not the number of
+/// threads decides, which pictures do not depend on.
+const FEWEST_TILES: u64 = 12;
+const LEAST_TILE_SIDE: u32 = 8;
+
+/// Edge of the tiles of a picture of areas that has so many pixels.
+fn area_tile(pixels: u64) -> u32 {
+    let mut side = TILE_SIDE;
+    while side > LEAST_TILE_SIDE && pixels < FEWEST_TILES * u64::from(side).pow(2) {
+        side /= 2;
+    }
+    side
 }
 
 #[cfg(test)]

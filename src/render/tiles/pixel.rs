@@ -52,9 +52,10 @@ struct Alone {
     bend: [Sum; 4],
     /// How many these are.
     unknown: u32,
-    /// The variance of squares that were given up for want of room, and how many of nothing is known:
-    /// more rays in others do not change what these are off by.
-    lost: f64,
+    /// The same of squares that were given up for want of room, and how many of nothing is known: more
+    /// rays in others do not change what these are off by.
+    lost_variance: Sum,
+    lost_bend: [Sum; 4],
     lost_unknown: u32,
     /// What their rays may be off by, where that is known.
     own: Sum,
@@ -106,7 +107,7 @@ impl Pixel {
     /// Takes a square of those left as it is, for want of room: what it may be off by stays.
     pub(super) fn give_up(&mut self, found: &Found, weight: f64) {
         match &found.uneven {
-            Some(uneven) => self.alone.lost += uneven.variance(weight),
+            Some(uneven) => self.alone.lose(uneven, weight),
             None => self.alone.lost_unknown += 1,
         }
         self.draw(found, weight);
@@ -156,23 +157,18 @@ impl Pixel {
     /// What its mean may be off by in all likelihood, where its variance is taken for at least
     /// `least`; infinite while something is unknown.
     pub(super) fn unlikely(&self, least: f64) -> f64 {
-        let Alone { unknown, variance, .. } = &self.alone;
-        self.likely_error(*unknown > 0, variance.value().max(least))
+        let Alone { unknown, variance, bend, .. } = &self.alone;
+        likely_error(*unknown > 0, variance.value().max(least), bend.map(|bend| bend.value()))
     }
 
     /// What its mean may be off by in all likelihood as far as more rays may change it, where that
     /// variance is taken for at least `least`: squares that were given up are left out.
     pub(super) fn changeable(&self, least: f64) -> f64 {
-        let Alone { unknown, variance, lost, lost_unknown, .. } = &self.alone;
-        self.likely_error(unknown > lost_unknown, (variance.value() - lost).max(least))
-    }
-
-    fn likely_error(&self, is_unknown: bool, variance: f64) -> f64 {
-        if is_unknown {
-            return f64::INFINITY;
-        }
-        let bend = self.alone.bend.iter().fold(0.0, |most: f64, bend| most.max(bend.value().abs()));
-        DEVIATIONS * variance.max(0.0).sqrt() + bend
+        let alone = &self.alone;
+        let variance = alone.variance.value() - alone.lost_variance.value();
+        let bend = |n: usize| alone.bend[n].value() - alone.lost_bend[n].value();
+        let is_unknown = alone.unknown > alone.lost_unknown;
+        likely_error(is_unknown, variance.max(least), std::array::from_fn(bend))
     }
 
     /// What it is off by at most.
@@ -201,6 +197,14 @@ impl Pixel {
     pub(super) fn estimate(&self) -> f64 {
         (self.beside_mean() + self.unlikely(0.0)).min(self.bound().total())
     }
+}
+
+fn likely_error(is_unknown: bool, variance: f64, bend: [f64; 4]) -> f64 {
+    if is_unknown {
+        return f64::INFINITY;
+    }
+    let most_bend = bend.iter().fold(0.0, |most: f64, bend| most.max(bend.abs()));
+    DEVIATIONS * variance.max(0.0).sqrt() + most_bend
 }
 
 /// What a ray may be off by itself.
@@ -232,6 +236,14 @@ impl Alone {
         self.variance.add(sign * uneven.variance(weight));
         for (sum, bend) in self.bend.iter_mut().zip(uneven.bend) {
             sum.add(sign * weight * f64::from(bend));
+        }
+    }
+
+    /// Counts a square that is `weight` of the pixel as one that stays as it is.
+    fn lose(&mut self, uneven: &Unevenness, weight: f64) {
+        self.lost_variance.add(uneven.variance(weight));
+        for (sum, bend) in self.lost_bend.iter_mut().zip(uneven.bend) {
+            sum.add(weight * f64::from(bend));
         }
     }
 }
@@ -435,7 +447,7 @@ mod tests {
 
     #[test]
     fn what_is_given_up_is_likely_as_before_and_no_longer_changeable() {
-        let rough = Unevenness { spread: 0.5, slope: 0.0, bend: [0.0; 4], edges: [0; 4] };
+        let rough = Unevenness { spread: 0.5, slope: 0.0, bend: [0.1; 4], edges: [0; 4] };
         let quarters = whole()
             .quarters()
             .map(|quarter| Found { uneven: Some(rough), ..found(quarter, |_| 1.0) });
@@ -443,10 +455,10 @@ mod tests {
         pixel.leave(&found(whole(), |_| 1.0), 1.0);
         pixel.learn(&found(whole(), |_| 1.0), &[rough; 4], 1.0, &ErrorShares::default());
         let likely = pixel.unlikely(0.0);
-        assert!((likely - DEVIATIONS * 0.25).abs() < 1e-9 && pixel.changeable(0.0) == likely);
+        assert!((likely - DEVIATIONS * 0.25 - 0.1).abs() < 1e-7 && pixel.changeable(0.0) == likely);
         quarters[..3].iter().for_each(|quarter| pixel.give_up(quarter, 0.25));
         assert_eq!(pixel.unlikely(0.0), likely);
-        assert!((pixel.changeable(0.0) - 0.5 * likely).abs() < 1e-9);
+        assert!((pixel.changeable(0.0) - DEVIATIONS * 0.125 - 0.025).abs() < 1e-7);
         assert_eq!(pixel.value, [0.75; 4]);
         // Of what is not known at all.
         let mut pixel = Pixel::default();

@@ -17,6 +17,10 @@ pub(super) const GROUP_PIXELS: usize = 256;
 const MOST_WAITING: usize = 32 << 10;
 const MOST_ALONE: usize = MOST_WAITING / 2;
 const MOST_OTHERS: usize = MOST_WAITING - 2 * BATCH_RAYS;
+/// Where more wait for rays that stand for themselves, pixels of a group are finished a few at a time:
+/// all of them at once would not find room.
+const CROWD: usize = MOST_ALONE / 2;
+const FEW_PIXELS: usize = 8;
 
 /// What a ray has found.
 #[derive(Debug, Clone, Copy)]
@@ -47,10 +51,12 @@ pub(super) struct ToDo {
     pub(super) alone: bool,
 }
 
-/// When squares' turn comes: those of lower groups first, and of these such as do most harm.
+/// When squares' turn comes: those of lower groups first, and of these such as do most harm; in a crowd
+/// those of the first few pixels.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Urgency {
     group: usize,
+    few: usize,
     harm: i32,
 }
 
@@ -59,7 +65,17 @@ impl Urgency {
     /// apart in powers of four.
     pub(super) fn new(group: usize, error: f64) -> Self {
         let harm = if error.is_finite() { (0.5 * error.log2()).floor() as i32 } else { i32::MAX };
-        Self { group, harm }
+        Self { group, few: 0, harm }
+    }
+
+    /// The same, where pixels of the group may be finished a few at a time: for a square of `pixel`.
+    pub(super) fn among_few(self, pixel: usize) -> Self {
+        Self { few: pixel / FEW_PIXELS, ..self }
+    }
+
+    /// Whether both are alike but for the few pixels of a group that they are of.
+    fn is_like(&self, other: &Self) -> bool {
+        (self.group, self.harm) == (other.group, other.harm)
     }
 }
 
@@ -89,12 +105,26 @@ impl Waiting {
         (self.count, self.alone) = (0, 0);
     }
 
-    /// Takes those out of the first group of pixels that harm these most; the group's number with
-    /// them.
+    /// Takes those out of the first group of pixels that harm these most, in a crowd those of its first
+    /// few pixels; the group's number with them.
     pub(super) fn pop(&mut self) -> Option<(usize, Vec<Found>, ToDo)> {
         let number = self.next()?;
-        let Alike { found, to_do, urgency } = self.take(number);
+        let is_crowded = self.is_crowded();
+        let Alike { mut found, to_do, urgency } = self.take(number);
+        let mut others = 0;
+        while let (Some(alike), false) = (self.alike.get(others), is_crowded) {
+            let is_like = alike.urgency.is_like(&urgency) && alike.to_do == to_do;
+            if is_like && found.len() + alike.found.len() <= most_alike(&to_do) {
+                found.append(&mut self.take(others).found);
+            } else {
+                others += 1;
+            }
+        }
         Some((urgency.group, found, to_do))
+    }
+
+    fn is_crowded(&self) -> bool {
+        self.alone > CROWD
     }
 
     /// Takes out the squares that [`Self::pop`] would, if these are to be dealt with as `to_do`
@@ -112,9 +142,10 @@ impl Waiting {
 
     /// Whose turn it is.
     fn next(&self) -> Option<usize> {
+        let is_crowded = self.is_crowded();
         let order = |number: &usize| {
-            let Urgency { group, harm } = self.alike[*number].urgency;
-            (Reverse(group), harm)
+            let Urgency { group, few, harm } = self.alike[*number].urgency;
+            (Reverse(group), Reverse(if is_crowded { few } else { 0 }), harm)
         };
         (0..self.alike.len()).max_by_key(order)
     }
@@ -134,7 +165,7 @@ impl Waiting {
     pub(super) fn pop_least_alone(&mut self) -> Vec<Found> {
         let alone = (0..self.alike.len()).filter(|n| self.alike[*n].to_do.alone);
         let order = |number: &usize| {
-            let Urgency { group, harm } = self.alike[*number].urgency;
+            let Urgency { group, harm, .. } = self.alike[*number].urgency;
             (harm == i32::MAX, group, harm)
         };
         alone.min_by_key(order).map_or(Vec::new(), |number| self.take(number).found)
@@ -158,7 +189,7 @@ impl Waiting {
         }
         self.count += 1;
         self.alone += usize::from(to_do.alone);
-        let most = if to_do.quartered { BATCH_RAYS / 4 } else { BATCH_RAYS };
+        let most = most_alike(to_do);
         let is_alike = |alike: &&mut Alike| {
             alike.urgency == urgency && alike.to_do == *to_do && alike.found.len() < most
         };
@@ -176,6 +207,11 @@ impl Waiting {
         }
         true
     }
+}
+
+/// Squares whose rays fill a batch.
+fn most_alike(to_do: &ToDo) -> usize {
+    if to_do.quartered { BATCH_RAYS / 4 } else { BATCH_RAYS }
 }
 
 #[cfg(test)]

@@ -184,9 +184,9 @@ impl Sheet {
             }
             None if found.square.halvings == 0 => Urgency::new(group, f64::INFINITY),
             Some(uneven) if !self.is_too_whole(found) => {
-                Urgency::new(group, weight * uneven.spread())
+                Urgency::new(group, weight * uneven.spread()).among_few(pixel)
             }
-            _ => Urgency::new(group, weight * UNKNOWN),
+            _ => Urgency::new(group, weight * UNKNOWN).among_few(pixel),
         }
     }
 
