@@ -157,18 +157,23 @@ fn partial_path(target: &Path) -> Result<PathBuf> {
 pub(crate) fn lock(file: &File, target: &Path) -> Result<()> {
     match file.try_lock() {
         Ok(()) => Ok(()),
-        Err(TryLockError::WouldBlock) => Err(Error::request(format!(
-            "{}: another process is writing it; wait for it or name another",
-            target.display()
-        ))),
+        Err(TryLockError::WouldBlock) => Err(is_being_written(target)),
         // Without locks there is no protection from a second writer, but writing still works.
         Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => Ok(()),
         Err(TryLockError::Error(error)) => Err(Error::io(target, "cannot lock", error)),
     }
 }
 
+/// What is to be at `target` is another process's work.
+pub(crate) fn is_being_written(target: &Path) -> Error {
+    Error::request(format!(
+        "{}: another process is writing it; wait for it or name another",
+        target.display()
+    ))
+}
+
 /// Whether `path` still names the open `file`.
-fn is_at(file: &File, path: &Path) -> bool {
+pub(crate) fn is_at(file: &File, path: &Path) -> bool {
     match (file.metadata(), fs::symlink_metadata(path)) {
         (Ok(open), Ok(named)) => identity(&open) == identity(&named),
         _ => false,

@@ -52,6 +52,22 @@ impl Error {
         Self::NotSupported { place: place.to_string(), reason: reason.into() }
     }
 
+    /// The same for another who waited for what failed.
+    pub(crate) fn again(&self) -> Self {
+        match self {
+            Self::Io { path, action, source } => {
+                let again = source.raw_os_error().map_or_else(
+                    || std::io::Error::new(source.kind(), source.to_string()),
+                    std::io::Error::from_raw_os_error,
+                );
+                Self::io(path, action, again)
+            }
+            Self::Invalid { place, reason } => Self::invalid(place, reason),
+            Self::NotSupported { place, reason } => Self::not_supported(place, reason),
+            Self::Request(reason) => Self::request(reason),
+        }
+    }
+
     /// A request that cannot be met.
     pub fn request(reason: impl Into<String>) -> Self {
         Self::Request(reason.into())

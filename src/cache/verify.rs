@@ -2,6 +2,8 @@
 
 use std::os::unix::fs::FileExt;
 
+use xxhash_rust::xxh3::xxh3_64;
+
 use super::brick::RawBrick;
 use super::codec::{Decoder, Precision};
 use super::header::TreeLevel;
@@ -65,6 +67,7 @@ pub fn verify(cache: &Cache, progress: &mut dyn FnMut(u64, u64)) -> Result<Repor
         children_end: 0,
         cells: 0,
         leaf_cells: 0,
+        extents: Extents::default(),
     };
     for depth in 0..header.levels.len() {
         check.level(depth, &mut report, progress);
@@ -83,6 +86,27 @@ struct Check<'c> {
     /// Cells and leaf cells of the level's bricks so far.
     cells: u64,
     leaf_cells: u64,
+    extents: Extents,
+}
+
+/// Whether extents of a file lie one behind the other without gaps or overlaps, in whatever order
+/// they are told: then all ends but the last are beginnings as well. What hashes of beginnings exceed
+/// those of ends by says so, but for accidents of one in 2⁶⁴.
+#[derive(Default)]
+struct Extents(u64);
+
+impl Extents {
+    fn add(&mut self, begin: u64, length: u64) {
+        self.0 = self.0.wrapping_add(Self::hash(begin)).wrapping_sub(Self::hash(begin + length));
+    }
+
+    fn fill(&self, begin: u64, length: u64) -> bool {
+        self.0 == Self::hash(begin).wrapping_sub(Self::hash(begin + length))
+    }
+
+    fn hash(place: u64) -> u64 {
+        xxh3_64(&place.to_le_bytes())
+    }
 }
 
 impl Check<'_> {
@@ -149,6 +173,9 @@ impl Check<'_> {
             let (decoder, brick) = (&mut self.decoder, &mut self.brick);
             let (records, precision) = ((node, node_record), Precision::Full);
             self.cache.read_brick(records, (field, &record), precision, decoder, brick)?;
+            for (_, offset, length) in record.parts(precision) {
+                self.extents.add(offset, length as u64);
+            }
             if self.brick.rounding_errors() != record.errors {
                 let place = self.cache.path().display();
                 let reason =
@@ -182,7 +209,8 @@ impl Check<'_> {
     /// Payloads fill the space before the index but for its padding, which is zero.
     fn gaps(&mut self, report: &mut Report) -> Result<()> {
         let header = self.cache.header();
-        let end = self.cache.header_bytes() + report.bytes;
+        let begin = self.cache.header_bytes();
+        let end = begin + report.bytes;
         let gap = header.index_offset.checked_sub(end).filter(|&gap| gap < 64 << 10);
         let Some(gap) = gap else {
             if report.damaged == 0 {
@@ -190,6 +218,9 @@ impl Check<'_> {
             }
             return Ok(());
         };
+        if report.damaged == 0 && !self.extents.fill(begin, report.bytes) {
+            report.add(None, None, "payloads overlap, or bytes between them are no brick's".into());
+        }
         let mut bytes = vec![0; usize::try_from(gap).unwrap_or(0)];
         self.cache
             .file()
@@ -199,5 +230,24 @@ impl Check<'_> {
             report.add(None, None, "the padding before the index is not empty".into());
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn extents_fill_a_file_in_any_order_and_only_without_overlaps() {
+        let filled = |extents: &[(u64, u64)]| {
+            let mut all = Extents::default();
+            extents.iter().for_each(|&(begin, length)| all.add(begin, length));
+            all.fill(100, 60)
+        };
+        assert!(filled(&[(130, 30), (100, 10), (110, 20)]));
+        // As long together, with an overlap and a hole.
+        assert!(!filled(&[(130, 30), (100, 10), (105, 20)]));
+        assert!(!filled(&[(100, 30), (100, 30)]));
+        assert!(!filled(&[(100, 10), (110, 20)]));
     }
 }

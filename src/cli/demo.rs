@@ -1,5 +1,6 @@
 //! `deepfield demo`: the newcomer's run, each step a command that could be typed.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
@@ -9,6 +10,7 @@ use serde_json::Value;
 
 use super::output::Output;
 use super::size;
+use crate::atomic_file::AtomicFile;
 use crate::cache::{Cache, Header};
 use crate::{Error, Result};
 
@@ -35,8 +37,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     std::fs::create_dir_all(directory)
         .map_err(|source| Error::io(directory, "cannot make the folder", source))?;
     for (name, text) in FILES {
-        let path = directory.join(name);
-        std::fs::write(&path, text).map_err(|source| Error::io(&path, "cannot write", source))?;
+        write(&directory.join(name), text)?;
     }
     let mut output = Output::new();
     let mut steps = Steps { directory, rows: Vec::new() };
@@ -57,6 +58,22 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         output.line(format!("picture: {}", directory.join(view).display()))?;
     }
     output.finish()
+}
+
+/// Writes one of the demo's own files, in place of none that says something else.
+fn write(path: &Path, text: &str) -> Result<()> {
+    let found = std::fs::symlink_metadata(path).is_ok();
+    if found && std::fs::read(path).is_ok_and(|there| there == text.as_bytes()) {
+        return Ok(());
+    }
+    if found {
+        let reason = "is not as `demo` writes it: name another folder, or remove it";
+        return Err(Error::request(format!("{}: {reason}", path.display())));
+    }
+    let file = AtomicFile::create(path)?;
+    let written = file.file().write_all(text.as_bytes());
+    written.map_err(|source| Error::io(path, "cannot write", source))?;
+    file.commit()
 }
 
 /// Runs this program's own commands in the demo's folder.

@@ -51,10 +51,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         let text = serde_json::to_string_pretty(&facts)
             .map_err(|error| Error::request(format!("cannot write JSON: {error}")))?;
-        output.line(text)?;
-    } else {
-        print(&facts, &mut output)?;
+        return output.end_with(&text);
     }
+    print(&facts, &mut output)?;
     output.finish()
 }
 

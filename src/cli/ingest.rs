@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::ingest_stats::Stopwatch;
+use super::output::{Output, warn};
 use super::paths::refuse_same;
 use super::progress::Bar;
 use super::stats_file::StatsFile;
-use super::{output::Output, size, values};
+use super::{size, values};
 use crate::cache::Header;
 use crate::derive::Derived;
 use crate::ingest::{Options, Progress, Stage, refuse_source_files};
@@ -149,19 +150,19 @@ fn report(header: &Header, arguments: &Arguments) -> Result<()> {
     ))?;
     for field in &header.fields {
         if field.nan_cells > 0 {
-            eprintln!(
-                "warning: {}: {} leaf cells are NaN: they are left out of averages, extrema and \
+            warn(format!(
+                "{}: {} leaf cells are NaN: they are left out of averages, extrema and \
                  sums, and drawn as the lower end of the scene's range",
                 field.name, field.nan_cells
-            );
+            ));
         }
         if field.smallest_positive.is_some_and(|least| least < field.least_exact()) {
-            eprintln!(
-                "warning: {}: values below {:.1e} are held with fewer digits than others, or as 0, as \
+            warn(format!(
+                "{}: values below {:.1e} are held with fewer digits than others, or as 0, as \
                  32-bit floats have it",
                 field.name,
                 field.least_exact()
-            );
+            ));
         }
     }
     output.finish()

@@ -89,7 +89,6 @@ fn report(error: &Error) -> ExitCode {
         return ExitCode::SUCCESS;
     }
     // One line, whatever names or other programs' messages in it hold.
-    let line = error.to_string().replace(char::is_control, " ");
-    eprintln!("error: {}", line.trim());
+    eprintln!("error: {}", output::harmless(&error.to_string()).trim());
     ExitCode::FAILURE
 }

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use clap::Args;
 
+use super::output::warn;
 use super::paths::refuse_same;
 use super::progress::Bar;
 use super::stats_file::{StatsFile, json};
@@ -110,11 +111,11 @@ fn warn_of_bound(stats: &Stats, largest: f64) {
         && bound > tolerance
     {
         let likely = stats.error_estimate.unwrap_or(bound);
-        eprintln!(
-            "warning: pixels may be off by {bound:.2e}, more than the tolerance of {tolerance:.2e} \
+        warn(format!(
+            "pixels may be off by {bound:.2e}, more than the tolerance of {tolerance:.2e} \
              (by {likely:.2e} in all likelihood): ask for a larger --tolerance{}",
             other_advice(stats)
-        );
+        ));
     }
 }
 
@@ -135,10 +136,10 @@ fn warn_of_nan(cache: &Cache, scene: &Scene) {
     let header = cache.header();
     let field = header.field(&scene.volume.field).map(|index| &header.fields[index]);
     if let Some(field) = field.filter(|field| field.nan_cells > 0) {
-        eprintln!(
-            "warning: {}: {} leaf cells are NaN: they are drawn as the lower end of the range",
+        warn(format!(
+            "{}: {} leaf cells are NaN: they are drawn as the lower end of the range",
             field.name, field.nan_cells
-        );
+        ));
     }
 }
 

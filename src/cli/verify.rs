@@ -29,27 +29,35 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let bar = Bar::new("verify", "bricks");
     let report = cache::verify(&opened, &mut |done, total| bar.show("verify", done, total))?;
     drop(bar);
+    let told = tell(arguments, &report, opened.header());
+    if report.damaged == 0 {
+        return told;
+    }
+    // Damage is told by the status even if nobody reads where it is.
+    Err(Error::invalid(
+        arguments.cache.display(),
+        format!("{} damaged places: ingest the data again", report.damaged),
+    ))
+}
+
+fn tell(arguments: &Arguments, report: &Report, header: &Header) -> Result<()> {
     let mut output = Output::new();
     output.line(format!(
         "{}: {} bricks, {} payloads, {}",
         arguments.cache.display(),
         report.bricks,
         report.payloads,
-        size::show(opened.header().file_bytes)
+        size::show(header.file_bytes)
     ))?;
     if report.damaged == 0 {
         output.line("every byte is sound")?;
-        return output.finish();
+    } else {
+        for damage in &report.listed {
+            output.line(format!("damaged: {}", damage.reason))?;
+        }
+        output.line(what_remains(report, header))?;
     }
-    for damage in &report.listed {
-        output.line(format!("damaged: {}", damage.reason))?;
-    }
-    output.line(what_remains(&report, opened.header()))?;
-    output.finish()?;
-    Err(Error::invalid(
-        arguments.cache.display(),
-        format!("{} damaged places: ingest the data again", report.damaged),
-    ))
+    output.finish()
 }
 
 /// What can still be rendered: fields without damage, and views that need no damaged brick.

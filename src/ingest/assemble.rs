@@ -101,9 +101,10 @@ impl Assembler<'_> {
                 draft.take_averages(child.octant(), &child.fields[field]);
             }
             self.check_complete(job, &draft)?;
-            self.check_values(job, field, &draft)?;
             let mut tally = Tally::default();
-            counts = self.finish_leaves(job, &mut draft, &mut tally);
+            self.drop_leaves(job, &mut draft, &mut tally);
+            self.check_values(job, field, &draft)?;
+            counts = count_cells(&draft, &mut tally);
             let averages = average(self.shape.edge(), &draft.states, &draft.values, &draft.weights)
                 .map_err(|cell| self.partial(job, cell))?;
             upward.fields.push(averages);
@@ -145,8 +146,8 @@ impl Assembler<'_> {
         }
     }
 
-    /// Values must be of a size that averages and tallies can take; those under finer grids have been
-    /// replaced.
+    /// Values must be of a size that averages and tallies can take; those under finer grids, and of
+    /// cells that are dropped, have been replaced.
     fn check_values(&self, job: &Job, field: usize, draft: &Draft) -> Result<()> {
         let is_too_large = |value: &f64| value.abs() > LARGEST;
         if !draft.values.iter().fold(false, |any, value| any | is_too_large(value)) {
@@ -158,23 +159,11 @@ impl Assembler<'_> {
         }
     }
 
-    /// Marks dropped leaf cells and counts the others.
-    fn finish_leaves(&self, job: &Job, draft: &mut Draft, tally: &mut Tally) -> Counts {
-        if self.rules.drop_below.is_some() || self.rules.region.is_some() {
-            self.drop_leaves(job, draft, tally);
-        }
-        let count = |is: fn(u8) -> bool| {
-            draft.states.iter().fold(0, |count, &bits| count + u32::from(is(bits)))
-        };
-        let existing = count(|bits| bits & state::EXISTS != 0);
-        let refined = count(|bits| bits & state::REFINED != 0);
-        let leaves = kept(&draft.states, draft.values.iter().copied());
-        tally.nan_cells += u64::from(count(|bits| bits == state::EXISTS)) - leaves.len() as u64;
-        tally.count(&leaves);
-        Counts { existing, refined, leaf: existing - refined }
-    }
-
+    /// Marks leaf cells that are to be dropped.
     fn drop_leaves(&self, job: &Job, draft: &mut Draft, tally: &mut Tally) {
+        if self.rules.drop_below.is_none() && self.rules.region.is_none() {
+            return;
+        }
         for at in 0..draft.states.len() {
             let value = draft.values[at];
             let is_leaf = draft.states[at] == state::EXISTS;
@@ -182,7 +171,7 @@ impl Assembler<'_> {
                 draft.states[at] |= state::VOID;
                 draft.values[at] = 0.0;
                 tally.dropped_cells += 1;
-                tally.dropped_sum.add(if value.is_nan() { 0.0 } else { value });
+                tally.dropped_sum.add(if value.abs() <= LARGEST { value } else { 0.0 });
             }
         }
     }
@@ -344,6 +333,19 @@ impl Draft {
         tally.relative_error = tally.relative_error.max(leaves).max(averages);
         FieldCells { exponent: power, states: self.states, values }
     }
+}
+
+/// Counts cells by kind, and values of leaf cells.
+fn count_cells(draft: &Draft, tally: &mut Tally) -> Counts {
+    let count = |is: fn(u8) -> bool| {
+        draft.states.iter().fold(0, |count, &bits| count + u32::from(is(bits)))
+    };
+    let existing = count(|bits| bits & state::EXISTS != 0);
+    let refined = count(|bits| bits & state::REFINED != 0);
+    let leaves = kept(&draft.states, draft.values.iter().copied());
+    tally.nan_cells += u64::from(count(|bits| bits == state::EXISTS)) - leaves.len() as u64;
+    tally.count(&leaves);
+    Counts { existing, refined, leaf: existing - refined }
 }
 
 /// The values of leaf cells that are neither dropped nor NaN, in their order.

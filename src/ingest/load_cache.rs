@@ -13,7 +13,7 @@ pub(super) struct LoadCache<K, V> {
     entries: Mutex<Entries<K, V>>,
 }
 
-type Slot<V> = Arc<OnceLock<std::result::Result<Arc<V>, String>>>;
+type Slot<V> = Arc<OnceLock<Result<Arc<V>>>>;
 
 struct Entries<K, V> {
     known: HashMap<K, Entry<V>>,
@@ -50,8 +50,8 @@ impl<K: Eq + Hash + Copy, V> LoadCache<K, V> {
             let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
             entries.slot(key, bytes, self.limit)
         };
-        let loaded = slot.get_or_init(|| load().map(Arc::new).map_err(|error| error.to_string()));
-        loaded.clone().map_err(Error::Request)
+        let loaded = slot.get_or_init(|| load().map(Arc::new));
+        loaded.as_ref().map(Arc::clone).map_err(Error::again)
     }
 }
 

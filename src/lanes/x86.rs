@@ -68,18 +68,24 @@ fn last<T>(table: &[T]) -> i32 {
 }
 
 /// Lane by lane.
+///
+/// # Safety
+/// The processor has AVX-512F.
 #[inline(always)]
-fn sixteen(index: __m512i) -> [u32; 16] {
+unsafe fn sixteen(index: __m512i) -> [u32; 16] {
     let mut at = [0; 16];
-    // SAFETY: only called by methods of [`Avx512`]; the array is as long.
+    // SAFETY: the caller's; the array is as long.
     unsafe { _mm512_storeu_si512((&raw mut at).cast(), index) };
     at
 }
 
 /// Four lanes each, one behind the other.
+///
+/// # Safety
+/// The processor has AVX-512F.
 #[inline(always)]
-fn quarters([a, b, c, d]: [__m128; 4]) -> __m512 {
-    // SAFETY: only called by methods of [`Avx512`].
+unsafe fn quarters([a, b, c, d]: [__m128; 4]) -> __m512 {
+    // SAFETY: the caller's.
     unsafe {
         let first = _mm512_insertf32x4::<1>(_mm512_castps128_ps512(a), b);
         _mm512_insertf32x4::<3>(_mm512_insertf32x4::<2>(first, c), d)
@@ -87,10 +93,13 @@ fn quarters([a, b, c, d]: [__m128; 4]) -> __m512 {
 }
 
 /// Lane by lane.
+///
+/// # Safety
+/// The processor has AVX2.
 #[inline(always)]
-fn numbers(index: __m256i) -> [u32; 8] {
+unsafe fn numbers(index: __m256i) -> [u32; 8] {
     let mut at = [0; 8];
-    // SAFETY: only called by methods of [`Avx2`]; the array is as long.
+    // SAFETY: the caller's; the array is as long.
     unsafe { _mm256_storeu_si256((&raw mut at).cast(), index) };
     at
 }

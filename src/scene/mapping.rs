@@ -66,6 +66,9 @@ pub struct Mapping {
     high: f64,
 }
 
+/// Smaller differences of x are lost in its own rounding.
+const LEAST_DISTANCE: f64 = 1e-18;
+
 /// Bound of the difference that values stored with a relative error make in x: `slope` times the
 /// distance of x from `zero`, and at most `most`; `lost` more where x is below `least`.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -85,9 +88,9 @@ impl Rounding {
         lost + if by_slope < self.most { by_slope } else { self.most }
     }
 
-    /// The x of 0, and the bound's slope from there on, where it grows with the value.
-    pub fn line(&self) -> Option<[f64; 2]> {
-        self.slope.is_finite().then_some([self.zero, self.slope])
+    /// The x of 0, the bound's slope from there on, and what it is at 0, where it grows with the value.
+    pub fn line(&self) -> Option<[f64; 3]> {
+        self.slope.is_finite().then_some([self.zero, self.slope, self.lost])
     }
 }
 
@@ -97,7 +100,7 @@ impl Mapping {
     /// units to the scene's units, and values are multiplied by it first: 1 for code units.
     ///
     /// # Errors
-    /// A factor that is not a positive number, extrema that are not finite.
+    /// A factor that is not a positive number; extrema that are not finite, or not under `scale`.
     pub fn new(
         scale: Scale,
         range: Option<[f64; 2]>,
@@ -120,7 +123,14 @@ impl Mapping {
                 "the field's values run from {low} to {high}; give the volume a finite `range`"
             )));
         }
-        Ok(Self { scale, factor, floor, low: scale.apply(low), high: scale.apply(high) })
+        let [lowest, highest] = [low, high].map(|end| scale.apply(end));
+        if !floor.is_nan() && (lowest.is_infinite() || highest.is_infinite()) {
+            return Err(Error::request(format!(
+                "the field's values run from {low:e} to {high:e} in these units, which {scale:?} has no \
+                 end for; give the volume a `range`"
+            )));
+        }
+        Ok(Self { scale, factor, floor, low: lowest, high: highest })
     }
 
     /// x of field value `f` in code units: below 0 and above 1 where `f` lies outside the range.
@@ -177,7 +187,7 @@ impl Mapping {
 
     /// How far x may be off where field values are off by at most `relative` of their own, and those of
     /// magnitudes below `least` (code units) by up to 2⁻²⁴ of that. Under other scales than log10 the
-    /// latter is not counted: 2⁻¹⁵⁰ of units in which the field's largest value is above 2⁻³⁰.
+    /// latter counts for all values, where it is no less than f64 makes of x.
     pub fn rounding(&self, relative: f64, least: f64) -> Rounding {
         let relative = relative.min(1.0);
         let most = self.of_scale(match self.scale {
@@ -195,8 +205,14 @@ impl Mapping {
         let exact = Rounding::default();
         let rounding =
             if relative == 0.0 { exact } else { Rounding { slope, zero, most, ..exact } };
+        if self.scale != Scale::Log10 {
+            let lost = self.distance(least * f64::from(f32::EPSILON), 0.0);
+            let counts = lost > LEAST_DISTANCE;
+            let least = f64::INFINITY;
+            return if counts { Rounding { least, lost, ..rounding } } else { rounding };
+        }
         let least = least * self.factor;
-        if self.scale != Scale::Log10 || self.is_flat() || least <= self.floor {
+        if self.is_flat() || least <= self.floor {
             return rounding;
         }
         // From the smallest value on, which counts for all that are below it.
@@ -249,6 +265,18 @@ mod tests {
         let full = 2.0 * (1.0 / 0.9 + 1.0);
         assert!(close(symlog.unclamped(-45.0), 0.5 - (1.0 / 0.9 + 2.0) / full));
         assert!(close(symlog.unclamped(0.225), 0.5 + 0.5 / 0.9 / full), "linear part");
+    }
+
+    #[test]
+    fn ends_that_the_scale_cannot_show_are_refused() {
+        let field = FieldExtrema { minimum: 0.0, maximum: 1e-200, smallest_positive: Some(1e-300) };
+        let mapped = |range| Mapping::new(Scale::Log10, range, field, 1e-100);
+        let refused = mapped(None).unwrap_err().to_string();
+        assert!(refused.contains("give the volume a `range`"), "{refused}");
+        assert_eq!(mapped(Some([1e-310, 1e-300])).unwrap().clamped(1e-300), 0.0);
+        // Nothing is positive: everything maps to 0.
+        let field = FieldExtrema { minimum: 0.0, maximum: 0.0, smallest_positive: None };
+        assert_eq!(Mapping::new(Scale::Log10, None, field, 1.0).unwrap().unclamped(0.0), 0.0);
     }
 
     #[test]
@@ -334,6 +362,23 @@ mod tests {
             prop_assert!(off <= rounding.between(stored, stored) + 1e-12, "{f:e}: {off:e}");
             if f > 1e-37 {
                 prop_assert!(rounding.between(stored, stored) < 1e-7);
+            }
+        }
+
+        /// Of fields whose range is below what f32 holds with all digits.
+        #[test]
+        fn what_f32_loses_is_bounded_under_any_scale(part in -3.0f64..3.0, power in -46.0f64..-34.0) {
+            let range = 10f64.powf(power);
+            let f = part * range;
+            for scale in [Scale::Linear, Scale::Symlog { linthresh: 0.3 * range }] {
+                let mapping = mapping(scale, Some([-range, range]));
+                let stored = mapping.unclamped(f64::from(f as f32));
+                let off = (stored - mapping.unclamped(f)).abs();
+                let rounding = mapping.rounding((-24f64).exp2(), f64::from(f32::MIN_POSITIVE));
+                let bound = rounding.between(stored, stored);
+                prop_assert!(off <= bound + 1e-12, "{scale:?} {f:e}: {off:e}, {bound:e}");
+                // No more than the step between such numbers makes, and what others are off by.
+                prop_assert!(bound < 4.0 * 1.5e-45 / range + 1e-6, "{scale:?} {f:e}: {bound:e}");
             }
         }
 

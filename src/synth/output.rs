@@ -3,7 +3,7 @@
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-use crate::atomic_file::lock;
+use crate::atomic_file::{is_at, is_being_written, lock};
 use crate::leftovers::Leftover;
 use crate::{Error, Result};
 
@@ -15,6 +15,8 @@ pub(super) const MARK: &str = "# Synthetic data set written by deepfield synth";
 pub(super) struct OutputFolder {
     partial: PathBuf,
     target: PathBuf,
+    /// The target's text file that starts with [`MARK`].
+    marked: String,
     finished: bool,
     _lock: File,
     _leftover: Leftover,
@@ -41,7 +43,17 @@ impl OutputFolder {
         fs::create_dir(&partial).map_err(|e| Error::io(&partial, "cannot make this folder", e))?;
         let leftover = Leftover::new(&partial);
         let lock = locked(&partial, &target)?;
-        Ok(Self { partial, target, finished: false, _lock: lock, _leftover: leftover })
+        if !is_at(&lock, &partial) {
+            // Another run has cleared it away before it was locked.
+            return Err(is_being_written(&target));
+        }
+        let old = old_of(&partial);
+        if old.exists() && !target.exists() {
+            // A run was killed while it replaced a data set: that is still there.
+            rename(&old, &target)?;
+        }
+        let marked = marked.to_owned();
+        Ok(Self { partial, target, marked, finished: false, _lock: lock, _leftover: leftover })
     }
 
     /// A file of the folder, where it is written.
@@ -73,7 +85,8 @@ impl OutputFolder {
     /// Gives the folder its final name, in place of an earlier synthetic data set.
     pub(super) fn finish(mut self) -> Result<PathBuf> {
         if self.target.exists() {
-            let old = self.partial.with_extension("old");
+            refuse_foreign(&self.target, &self.marked)?;
+            let old = old_of(&self.partial);
             remove_folder(&old)?;
             rename(&self.target, &old)?;
             if let Err(error) = rename(&self.partial, &self.target) {
@@ -99,6 +112,11 @@ impl Drop for OutputFolder {
             let _ = fs::remove_dir_all(&self.partial);
         }
     }
+}
+
+/// Where the data set that is replaced lies for a moment.
+fn old_of(partial: &Path) -> PathBuf {
+    partial.with_extension("old")
 }
 
 /// The folder at `partial`, locked for this process until it is dropped.
@@ -155,6 +173,27 @@ mod tests {
         // What a killed run left is not locked.
         fs::create_dir(directory.path().join(".DD0000.partial")).unwrap();
         drop(create().unwrap());
+        assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn what_was_there_outlives_a_run_that_was_killed_or_came_too_late() {
+        let directory = tempfile::tempdir().unwrap();
+        let create = || OutputFolder::create(directory.path(), "DD0000", "DD0000").unwrap();
+        let target = directory.path().join("DD0000");
+        // Killed between both renames.
+        let old = directory.path().join(".DD0000.old");
+        fs::create_dir(&old).unwrap();
+        fs::write(old.join("DD0000"), MARK).unwrap();
+        drop(create());
+        assert_eq!(fs::read_to_string(target.join("DD0000")).unwrap(), MARK);
+        assert!(!old.exists());
+        // Something else has come there while data were made.
+        let late = create();
+        fs::write(target.join("DD0000"), "something else").unwrap();
+        let refused = late.finish().unwrap_err().to_string();
+        assert!(refused.contains("something else than a synthetic data set"), "{refused}");
+        assert_eq!(fs::read_to_string(target.join("DD0000")).unwrap(), "something else");
         assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 1);
     }
 }

@@ -12,7 +12,7 @@ use super::renderer::{Cost, Limits, Renderer};
 use super::table::csv;
 use super::viewpoints;
 use crate::cache::{BrickShape, Cache, Cursor, TreeLevel};
-use crate::cli::output::Output;
+use crate::cli::output::{Output, warn};
 use crate::cli::progress::Bar;
 use crate::cli::values;
 use crate::ingest::{self, Options, Progress, in_pool};
@@ -75,9 +75,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut subjects = vec![bench.measure_cache(&cache)?];
     match bench.measure_all_levels(&subjects[0]) {
         Ok(subject) => subjects.push(subject),
-        Err(error) => eprintln!(
-            "warning: without all levels in memory, which may take twice --memory: {error}"
-        ),
+        Err(error) => {
+            let reason = "without all levels in memory, which may take twice --memory";
+            warn(format!("{reason}: {error}"));
+        }
     }
     for level in levels {
         subjects.push(bench.measure_grid(&cache, level, folder.path())?);
@@ -90,9 +91,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             super::write(&folder.join(name), &plot.svg())?;
         }
     }
-    let mut output = Output::new();
-    text.lines().try_for_each(|line| output.line(line))?;
-    output.finish()
+    Output::new().end_with(&text)
 }
 
 /// `3`, or `0..4` with both ends.

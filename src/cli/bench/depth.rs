@@ -51,9 +51,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let first = costs.first().map_or(0.0, |cost| cost.wall_seconds);
     let rows = caches.iter().zip(&costs).map(|(cache, cost)| row(cache, cost, first));
     let text = csv(&rows.collect::<Result<Vec<_>>>()?)?;
-    let mut output = Output::new();
-    text.lines().try_for_each(|line| output.line(line))?;
-    output.finish()
+    Output::new().end_with(&text)
 }
 
 fn row(path: &Path, cost: &Cost, first: f64) -> Result<Columns> {

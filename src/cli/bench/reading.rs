@@ -56,9 +56,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     })?;
     drop(bar);
     let text = csv(&subjects.iter().map(Subject::row).collect::<Vec<_>>())?;
-    let mut output = Output::new();
-    text.lines().try_for_each(|line| output.line(line))?;
-    output.finish()
+    Output::new().end_with(&text)
 }
 
 /// An output and what reading it took.

@@ -67,9 +67,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             save(folder, &text, &all)?;
         }
     }
-    let mut output = Output::new();
-    text.lines().try_for_each(|line| output.line(line))?;
-    output.finish()
+    Output::new().end_with(&text)
 }
 
 fn save(folder: &Path, text: &str, all: &[Measured]) -> Result<()> {

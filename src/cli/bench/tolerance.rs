@@ -73,9 +73,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
             super::write(&folder.join(file), &plot.svg())?;
         }
     }
-    let mut output = Output::new();
-    text.lines().try_for_each(|line| output.line(line))?;
-    output.finish()
+    Output::new().end_with(&text)
 }
 
 fn measure_rows(bench: &Bench<'_>, tolerances: &[f64]) -> Result<Vec<Row>> {

@@ -33,14 +33,15 @@ impl Storage {
         // Where neighbours are far larger their share is rounding.
         let rounded = ROUNDING * low.abs().max(high.abs());
         let most = rounding.between(lowest, highest) + rounded;
-        let Some([zero, slope]) = rounding.line() else {
+        let Some([zero, slope, lost]) = rounding.line() else {
             return Self::at_most(most);
         };
         let below = AS_GOOD_AS_ZERO * zero.abs();
         // What the slope is rounded up by counts from x = `low` on.
         let steeper = f64::from(up(slope)) - slope;
         let base = if lowest >= zero - below {
-            slope * (beneath.min(highest - low) + 2.0 * below - zero) + rounded - steeper * low
+            slope * (beneath.min(highest - low) + 2.0 * below - zero) + rounded + lost
+                - steeper * low
         } else {
             f64::INFINITY
         };

@@ -158,7 +158,7 @@ impl Pixel {
     /// `least`; infinite while something is unknown.
     pub(super) fn unlikely(&self, least: f64) -> f64 {
         let Alone { unknown, variance, bend, .. } = &self.alone;
-        likely_error(*unknown > 0, variance.value().max(least), bend.map(|bend| bend.value()))
+        likely_error(*unknown > 0, variance.value().max(least), bend.map(Sum::value))
     }
 
     /// What its mean may be off by in all likelihood as far as more rays may change it, where that

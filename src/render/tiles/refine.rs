@@ -89,6 +89,7 @@ impl Sheet {
         + (BATCH_RAYS
             * (size_of::<Pixel>()
                 + size_of::<First>()
+                + size_of::<f64>()
                 + size_of::<[f32; 4]>()
                 + 2 * size_of::<Square>()
                 + 4 * size_of::<Found>())) as u64;

@@ -40,7 +40,7 @@ impl Errors {
 fn draw(sheet: &mut Sheet, samples: &str, goal: Goal, errors: &Errors) -> u64 {
     let scene = scene(&format!("samples = {samples}"), 9, 7);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
-    sheet.start(&grid, grid.tile(0), &Method::Within(goal));
+    sheet.start(&grid, grid.whole(), &Method::Within(goal));
     let mut rays = 0;
     while let Some(batch) = sheet.next(&grid) {
         assert!(!batch.squares.is_empty() && batch.squares.len() <= BATCH_RAYS);
@@ -156,7 +156,7 @@ fn draw_light(
     let scene = scene("samples = \"area\"", width, height);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
     let mut sheet = Sheet::default();
-    sheet.start(&grid, grid.tile(0), &Method::Within(goal));
+    sheet.start(&grid, grid.whole(), &Method::Within(goal));
     let mut rays = 0;
     while let Some(batch) = sheet.next(&grid) {
         rays += batch.squares.len() as u64;

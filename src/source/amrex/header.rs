@@ -155,6 +155,15 @@ fn factors(extents: &[IndexBox], stated: &[i64]) -> Result<Vec<u32>, String> {
                 level + 1
             ));
         }
+        if (0..3).any(|a| pair[0].lo[a] * factor != pair[1].lo[a]) {
+            return Err(format!(
+                "the domain of level {} begins at {:?}, which is not {factor} times {:?}, where that \
+                 of level {level} begins",
+                level + 1,
+                pair[1].lo,
+                pair[0].lo
+            ));
+        }
         if let Some(other) = stated.get(level).filter(|&&other| i128::from(other) != factor) {
             return Err(format!(
                 "the refinement ratio after level {level} is stated as {other}, but the \

@@ -70,7 +70,7 @@ impl<'a> Boxes<'a> {
     ///
     /// # Errors
     /// A box that is not one of the root blocks'.
-    pub(super) fn root_place(&mut self, number: usize) -> Result<[i128; 3], Refusal> {
+    pub(super) fn root_place(&mut self, number: usize) -> Result<[u32; 3], Refusal> {
         let edges = self.edges(number)?;
         let mut place = [0; 3];
         for axis in 0..3 {
@@ -86,7 +86,7 @@ impl<'a> Boxes<'a> {
                     self.root_blocks[axis]
                 )));
             }
-            place[axis] = rounded as i128;
+            place[axis] = rounded as u32;
         }
         Ok(place)
     }

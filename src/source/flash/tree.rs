@@ -33,7 +33,7 @@ pub(super) struct Tree {
     place: String,
     nodes: Vec<Node>,
     /// Refine level 1: blocks and where each lies, in such blocks.
-    roots: Vec<(u32, [i128; 3])>,
+    roots: Vec<(u32, [u32; 3])>,
     deepest: u32,
 }
 
@@ -105,6 +105,7 @@ impl Tree {
         // A block whose parent does not name it keeps an octant that none has.
         let mut octants = vec![u8::MAX; blocks as usize];
         let mut claimed_by = vec![u32::MAX; blocks as usize];
+        self.nodes.reserve_exact(blocks as usize);
         let (mut first, mut rows, mut types) = (0, Vec::new(), Vec::new());
         while first < blocks {
             let count = BATCH.min(blocks - first);
@@ -149,6 +150,8 @@ impl Tree {
 
     /// Places the blocks without a parent by their bounding boxes.
     fn find_roots(&mut self, boxes: &mut Boxes<'_>) -> Result<()> {
+        let count = self.nodes.iter().filter(|node| node.parent.is_none()).count();
+        self.roots.reserve_exact(count);
         for number in 0..self.nodes.len() {
             if self.nodes[number].parent.is_none() {
                 let at = boxes.root_place(number).map_err(|e| e.into_error(self, number))?;
@@ -179,7 +182,7 @@ impl Tree {
         let root = self.roots.binary_search_by_key(&(at as u32), |root| root.0);
         let root = root.map_err(|_| self.fault(number, "descends from no root block"))?;
         let root = self.roots[root].1;
-        Ok((level, std::array::from_fn(|a| (root[a] << level) + offset[a])))
+        Ok((level, std::array::from_fn(|a| (i128::from(root[a]) << level) + offset[a])))
     }
 
     /// Checks levels and boxes against the tree.
