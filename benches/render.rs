@@ -60,7 +60,7 @@ fn measure(cache: &Path, brick: u32, mode: &str, tolerance: &str) -> Result<()> 
         let started = Instant::now();
         let options = RenderOptions {
             memory: 1 << 30,
-            threads: 1,
+            threads: Some(1),
             progress: None,
             fixed: None,
             resident: false,

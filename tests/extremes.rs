@@ -55,7 +55,7 @@ impl Subject {
         let scene = Scene::parse(scene, "scene").unwrap();
         let options = RenderOptions {
             memory: 256 << 20,
-            threads: 2,
+            threads: Some(2),
             progress: None,
             fixed: None,
             resident: false,

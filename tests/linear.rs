@@ -95,7 +95,13 @@ fn one_level_is_trilinear_between_cell_centres() {
 
 fn picture(cache: &Cache, scene: &str, (memory, threads): (u64, usize)) -> Film {
     let scene = Scene::parse(scene, "scene").unwrap();
-    let options = RenderOptions { memory, threads, progress: None, fixed: None, resident: false };
+    let options = RenderOptions {
+        memory,
+        threads: Some(threads),
+        progress: None,
+        fixed: None,
+        resident: false,
+    };
     render(cache, &scene, &options).unwrap().film
 }
 

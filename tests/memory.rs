@@ -73,7 +73,7 @@ fn rendered(cache: &Path, limit: usize) -> usize {
     let scene = Scene::parse(&scene_text(), "scaling-outside.toml").unwrap();
     let options = RenderOptions {
         memory: limit as u64,
-        threads: 2,
+        threads: Some(2),
         progress: None,
         fixed: None,
         resident: false,

@@ -52,7 +52,7 @@ fn picture_of(
     let scene = Scene::parse(&text, "nested13-zoom.toml").unwrap();
     let options = RenderOptions {
         memory: memory << 20,
-        threads,
+        threads: Some(threads),
         progress: None,
         fixed: None,
         resident: false,

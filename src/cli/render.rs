@@ -30,7 +30,7 @@ pub(super) struct Arguments {
     /// Memory limit of the whole process
     #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse)]
     memory: u64,
-    /// Threads (default: all cores)
+    /// Threads (default: all cores, or as many as `--memory` has room for)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
     /// Largest error: a number, or `p%` of the picture's largest value (default: the scene's)
@@ -77,7 +77,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let progress = |done, total| bar.show("render", done, total);
     let options = RenderOptions {
         memory: arguments.memory,
-        threads: arguments.threads.map_or_else(all_cores, |n| n as usize),
+        threads: arguments.threads.map(|n| n as usize),
         progress: Some(&progress),
         fixed: arguments.fixed,
         resident: arguments.resident,
@@ -141,10 +141,6 @@ fn warn_of_nan(cache: &Cache, scene: &Scene) {
             field.name, field.nan_cells
         ));
     }
-}
-
-fn all_cores() -> usize {
-    std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }
 
 /// What options say in place of the scene's `[render]` table, line by line as it would stand there, were

@@ -1,5 +1,7 @@
 //! The memory plan of a picture: what everything takes, and how many bricks the rest holds.
 
+use std::num::NonZero;
+
 use crate::cache::{BrickShape, Cache, Cursor, WINDOW_BYTES};
 use crate::paging::{Budget, Counters, MEBIBYTE, Pool, Reservation};
 use crate::render::RenderOptions;
@@ -40,6 +42,8 @@ const MOST_THINNED: u64 = 512;
 /// only, never on the limit.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct MemoryPlan {
+    /// Threads that march.
+    pub threads: usize,
     /// Threads that read ahead.
     pub readers: usize,
     /// Index windows that may be mapped at a time.
@@ -86,42 +90,42 @@ pub(crate) fn loaded_bytes(shape: BrickShape, blocks: usize, interpolation: Inte
 }
 
 impl MemoryPlan {
-    /// The plan of a picture of `pixels` from `cache` under `interpolation`, on `threads` threads
-    /// within the limit of `options`.
+    /// The plan of a picture of `pixels` from `cache` under `interpolation`, within the limit of
+    /// `options`.
     ///
     /// # Errors
     /// A limit that is too small: the message names the smallest that works, in MiB.
     pub(crate) fn new(
         (cache, interpolation): (&Cache, Interpolation),
         pixels: &PixelGrid,
-        threads: usize,
         options: &RenderOptions<'_>,
     ) -> Result<Self> {
         let header = cache.header();
         let blocks = usize::from(header.max_parent_blocks) + 1;
         let index_bytes = header.index_pages.saturating_mul(64 << 10);
-        Self::from_demand(
-            &Demand {
-                width: pixels.view().width(),
-                height: pixels.view().height(),
-                tiles: pixels.tiles(),
-                threads: threads.max(1) as u64,
-                readers: threads.clamp(1, MAX_READERS) as u64,
-                levels: header.levels.len() as u64,
-                bricks: header.nodes(),
-                index_windows: index_bytes.div_ceil(WINDOW_BYTES),
-                page_table: header.index_pages.saturating_mul(8),
-                scratch: BrickScratch::bytes(cache),
-                tile: Tile::bytes(header.shape, blocks, interpolation) + Sheet::BYTES,
-                slot: loaded_bytes(header.shape, blocks, interpolation),
-                thinned: match interpolation {
-                    Interpolation::Linear => Thinner::bytes_kept(header.shape),
-                    Interpolation::Cell => 0,
-                },
-                resident: options.resident,
+        let demand = |threads: usize| Demand {
+            width: pixels.view().width(),
+            height: pixels.view().height(),
+            tiles: pixels.tiles(),
+            threads: threads.max(1) as u64,
+            readers: threads.clamp(1, MAX_READERS) as u64,
+            levels: header.levels.len() as u64,
+            bricks: header.nodes(),
+            index_windows: index_bytes.div_ceil(WINDOW_BYTES),
+            page_table: header.index_pages.saturating_mul(8),
+            scratch: BrickScratch::bytes(cache),
+            tile: Tile::bytes(header.shape, blocks, interpolation) + Sheet::BYTES,
+            slot: loaded_bytes(header.shape, blocks, interpolation),
+            thinned: match interpolation {
+                Interpolation::Linear => Thinner::bytes_kept(header.shape),
+                Interpolation::Cell => 0,
             },
-            options.memory,
-        )
+            resident: options.resident,
+        };
+        let cores = || std::thread::available_parallelism().map_or(1, NonZero::get);
+        let threads =
+            options.threads.unwrap_or_else(|| most_threads(cores(), options.memory, demand));
+        Self::from_demand(&demand(threads), options.memory)
     }
 
     fn from_demand(demand: &Demand, limit: u64) -> Result<Self> {
@@ -137,7 +141,7 @@ impl MemoryPlan {
         let fewest = fixed
             .saturating_add(fewest_windows.saturating_mul(WINDOW_BYTES))
             .saturating_add(fewest_slots.saturating_mul(demand.slot));
-        let left = limit.checked_sub(fewest).ok_or_else(|| too_small(limit, fewest))?;
+        let left = limit.checked_sub(fewest).ok_or_else(|| too_small(limit, fewest, threads))?;
         let useful = demand.index_windows.saturating_sub(fewest_windows);
         let more_windows = useful.min(left / EXTRA_SHARE / WINDOW_BYTES);
         let left = left - more_windows * WINDOW_BYTES;
@@ -155,6 +159,7 @@ impl MemoryPlan {
         parts.push(("bricks in fewer cells", thinned * threads * demand.thinned));
         let count = |n: u64| usize::try_from(n).unwrap_or(usize::MAX);
         Ok(Self {
+            threads: count(threads),
             readers: count(readers),
             windows: count(windows),
             slots: count(slots),
@@ -196,12 +201,23 @@ fn fixed_parts(demand: &Demand) -> Vec<(&'static str, u64)> {
     ]
 }
 
-fn too_small(limit: u64, fewest: u64) -> Error {
+fn too_small(limit: u64, fewest: u64, threads: u64) -> Error {
     let mebibytes = fewest.div_ceil(MEBIBYTE);
+    let advice = if threads > 1 { " (or use fewer --threads)" } else { "" };
     Error::request(format!(
         "--memory {limit} bytes is too small for this picture: the smallest that works is \
-         {mebibytes}MiB (or use fewer --threads)"
+         {mebibytes}MiB{advice}"
     ))
+}
+
+/// As many threads as there are `cores`, if what they need at least leaves half of the limit to more
+/// bricks; two or one where they have room.
+fn most_threads(cores: usize, limit: u64, demand: impl Fn(usize) -> Demand) -> usize {
+    let fits = |threads: usize, limit| MemoryPlan::from_demand(&demand(threads), limit).is_ok();
+    // All bricks have room beforehand, or there is no picture.
+    let room = if demand(1).resident { limit } else { limit / 2 };
+    let many = (3..=cores).rev().find(|&threads| fits(threads, room));
+    many.unwrap_or(if cores > 1 && fits(2, limit) { 2 } else { 1 })
 }
 
 #[cfg(test)]
@@ -235,6 +251,36 @@ mod tests {
         let text = error.to_string();
         let number = text.split("works is ").nth(1).and_then(|rest| rest.split("MiB").next());
         number.unwrap().parse().unwrap()
+    }
+
+    #[test]
+    fn threads_are_as_many_as_the_limit_has_room_for() {
+        let demand = |threads: usize| Demand {
+            threads: threads as u64,
+            readers: threads.min(MAX_READERS) as u64,
+            width: 1920,
+            height: 1080,
+            tiles: 510,
+            levels: 14,
+            bricks: 100_000,
+            index_windows: 100,
+            page_table: 3200,
+            scratch: 1 << 20,
+            tile: 8 << 20,
+            slot: 200 << 10,
+            thinned: 50 << 10,
+            resident: false,
+        };
+        let most = |cores: usize, mebibytes: u64| most_threads(cores, mebibytes << 20, demand);
+        assert_eq!([most(1, 4096), most(2, 4096), most(16, 4096)], [1, 2, 16]);
+        let many = most(128, 1024);
+        assert!((16..64).contains(&many), "{many}");
+        assert_eq!(most(128, 1), 1);
+        assert!(MemoryPlan::from_demand(&demand(many), 512 << 20).is_ok());
+        let named = |threads| {
+            MemoryPlan::from_demand(&demand(threads), 1).map(|_| ()).unwrap_err().to_string()
+        };
+        assert!(named(2).ends_with("MiB (or use fewer --threads)") && named(1).ends_with("MiB"));
     }
 
     proptest! {

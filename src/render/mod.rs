@@ -60,8 +60,9 @@ pub const EXACT: f64 = 1e-6;
 pub struct RenderOptions<'o> {
     /// The memory limit of the whole process, bytes.
     pub memory: u64,
-    /// Threads that march; at least 1.
-    pub threads: usize,
+    /// Threads that march, at least 1; where none are given as many as there are cores, and as have
+    /// room in `memory`.
+    pub threads: Option<usize>,
     /// Hears of progress, from any thread: tiles done, and how many there are.
     pub progress: Option<&'o (dyn Fn(u64, u64) + Sync)>,
     /// Draws by these settings instead of the scene's tolerance and samples, without a bound of
@@ -105,13 +106,13 @@ pub struct Rendered {
 pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Result<Rendered> {
     let started = Instant::now();
     let header = cache.header();
-    let threads = options.threads.max(1);
     let shading = Shading::new(&scene.volume, scene.render.interpolation, header)?;
     let view = View::new(scene, &header.domain)?;
     let by_hand = |fixed: FixedSetting| Samples::Grid(fixed.rays_per_axis);
     let samples = options.fixed.map_or(scene.render.samples, by_hand);
     let pixels = PixelGrid::new(&view, samples);
-    let plan = MemoryPlan::new((cache, shading.interpolation), &pixels, threads, options)?;
+    let plan = MemoryPlan::new((cache, shading.interpolation), &pixels, options)?;
+    let threads = plan.threads;
     let reserved = plan.reserve(&Budget::new(options.memory))?;
     cache.set_index_windows(plan.windows);
     let counters = Counters::new(header.nodes(), header.levels.len());

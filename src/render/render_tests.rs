@@ -18,7 +18,7 @@ fn cache() -> (TempDir, PathBuf) {
 }
 
 fn options(memory: u64, threads: usize) -> RenderOptions<'static> {
-    RenderOptions { memory, threads, progress: None, fixed: None, resident: false }
+    RenderOptions { memory, threads: Some(threads), progress: None, fixed: None, resident: false }
 }
 
 fn draw(path: &Path, scene: &Scene, memory: u64, threads: usize) -> Result<Rendered> {

@@ -53,6 +53,10 @@ pub(super) struct Studio<'s> {
 
 /// A glance is at most this many pixels wide or high, or rays where it has fewer pixels.
 const GLANCE_PIXELS: u32 = 64;
+/// A glance that saw less than one part in so many of what rays meet was misled by means; and what these
+/// rays may be off by, as a part of it.
+const MISLED: f64 = 4.0;
+const ROUGHLY: f64 = 0.25;
 /// So many an outlook is taken from: enough for an average, and not enough to meet all bricks of a
 /// large set.
 const OUTLOOK_PIXELS: u32 = 24;
@@ -64,6 +68,8 @@ const FIRST_TRY: f64 = 0.9;
 const SURE: f64 = 0.97;
 /// Attempts at tiles that turn out to need a smaller tolerance.
 const ATTEMPTS: u32 = 12;
+/// Rays for each pixel, of either kind, where no glance has seen anything.
+const SKETCH_RAYS: u64 = 16;
 /// Rays for each of the pixels that an outlook is taken from.
 const OUTLOOK_RAYS: u64 = 5;
 
@@ -163,6 +169,9 @@ impl<'s> Studio<'s> {
         if !is_exact {
             picture.light.packets = Some(self.packets_for(&goal));
         }
+        if let (Some(part), true) = (part, pixels.has_area() && goal.behind == 0.0) {
+            self.sketch(&mut picture, &mut goal, part, samples)?;
+        }
         self.draw_within(&mut picture, &mut goal, part, samples)?;
         let rays = picture.rays.load(Ordering::Relaxed);
         let error = Some(worst(&lock(&picture.errors)));
@@ -172,7 +181,18 @@ impl<'s> Studio<'s> {
     /// The goal by a glance, before anything is known of pixels' areas.
     fn first_goal(&self, pixels: &PixelGrid, effort: &Effort, is_exact: bool) -> Result<Goal> {
         let glance = if is_exact && !pixels.has_area() { 0.0 } else { self.glance()? };
-        Ok(Goal {
+        let goal = self.goal_for(glance, effort, is_exact);
+        if is_exact || !pixels.has_area() {
+            return Ok(goal);
+        }
+        // Areas take many rays where the goal is too small.
+        let rays = self.second_glance(&goal)?;
+        let is_misled = rays > MISLED * glance;
+        Ok(if is_misled { self.goal_for(0.5 * rays, effort, is_exact) } else { goal })
+    }
+
+    fn goal_for(&self, glance: f64, effort: &Effort, is_exact: bool) -> Goal {
+        Goal {
             tolerance: match self.scene.render.tolerance {
                 _ if is_exact => EXACT * glance,
                 Tolerance::Absolute(value) => value,
@@ -181,6 +201,7 @@ impl<'s> Studio<'s> {
                 }
                 Tolerance::Relative(_) => f64::MIN_POSITIVE,
             },
+            brightest: self.exact.brightest(),
             behind: glance,
             rays_per_pixel: effort.most,
             alone_per_pixel: effort.most_alone,
@@ -188,7 +209,7 @@ impl<'s> Studio<'s> {
             certifies: true,
             power: f64::INFINITY,
             all_levels: is_exact,
-        })
+        }
     }
 
     /// Decides whether pixels' areas are to be certified, and how many rays that may take.
@@ -203,6 +224,27 @@ impl<'s> Studio<'s> {
         goal.certifies = outlook.beyond == 0.0 && is_worthwhile;
         goal.rays_per_pixel = if goal.certifies { effort.most_certified } else { effort.scouting };
         goal.power = outlook.power;
+        Ok(())
+    }
+
+    /// Draws a `picture` of which no glance has seen anything with few rays a pixel, for a `goal` that is
+    /// `part` of what they find: without one all that may be there would be worth every ray.
+    fn sketch(
+        &self,
+        picture: &mut Picture<'_, 's>,
+        goal: &mut Goal,
+        part: f64,
+        samples: &mut [u64],
+    ) -> Result<()> {
+        let few = |rays: u64| rays.min(SKETCH_RAYS);
+        let (rays_per_pixel, alone_per_pixel) =
+            (few(goal.rays_per_pixel), few(goal.alone_per_pixel));
+        picture.method = Method::Within(Goal { rays_per_pixel, alone_per_pixel, ..*goal });
+        picture.draw((self.threads, self.plan.readers), &|_| true, samples)?;
+        let found = largest_value(&lock(&picture.film))?;
+        // Few rays may have found too much.
+        let tolerance = if found > 0.0 { 0.5 * part * found } else { goal.tolerance };
+        Self::aim(picture, goal, tolerance, found);
         Ok(())
     }
 
@@ -242,18 +284,29 @@ impl<'s> Studio<'s> {
             if is_settled || !is_drawn_again.contains(&true) {
                 return Ok(());
             }
-            goal.tolerance = FIRST_TRY * limit;
-            goal.behind = largest;
-            if let Some(packets) = &mut picture.light.packets {
-                packets.aim(PACKET_SHARE * goal.tolerance, goal.behind);
-            }
-            picture.method = Method::Within(*goal);
+            Self::aim(picture, goal, FIRST_TRY * limit, largest);
         }
         Ok(())
     }
 
-    /// The largest value of a small picture, drawn without regard to its error.
+    /// Gives `picture` another `goal`.
+    fn aim(picture: &mut Picture<'_, 's>, goal: &mut Goal, tolerance: f64, behind: f64) {
+        (goal.tolerance, goal.behind) = (tolerance, behind);
+        if let Some(packets) = &mut picture.light.packets {
+            packets.aim(PACKET_SHARE * goal.tolerance, goal.behind);
+        }
+        picture.method = Method::Within(*goal);
+    }
+
+    /// The largest value of a small picture, drawn without regard to its error: through cells as wide as
+    /// its pixels, and if these show nothing through all levels. What shines may do so at values that no
+    /// mean has.
     fn glance(&self) -> Result<f64> {
+        let largest = self.glance_through(|cut| Cut::Footprint(cut.in_short()))?;
+        if largest > 0.0 { Ok(largest) } else { self.glance_through(|_| Cut::FullDepth) }
+    }
+
+    fn glance_through(&self, levels: impl Fn(FootprintCut) -> Cut) -> Result<f64> {
         let (scene, _) = self.small(GLANCE_PIXELS);
         let view = View::new(&scene, &self.cache.header().domain)?;
         let most = (GLANCE_PIXELS / scene.image.width.max(scene.image.height)).max(1);
@@ -264,12 +317,28 @@ impl<'s> Studio<'s> {
         let pixels = PixelGrid::new(&view, Samples::Grid(rays));
         let Header { domain, shape, .. } = self.cache.header();
         let cut = FootprintCut::new(f64::from(rays).recip(), &scene, domain, *shape)?;
-        let cut = Cut::Footprint(cut.in_short());
-        let method = Method::Once { cut, accounts: false };
+        let method = Method::Once { cut: levels(cut), accounts: false };
         let exact = (self.exact, self.pieces(self.exact));
         let mut picture = self.picture(&pixels, exact, method, None, None)?;
         picture.light.packets = Some(self.packets(None, 0.0));
         picture.draw((self.threads, self.plan.readers), &|_| true, &mut [])?;
+        largest_value(&into_inner(picture.film))
+    }
+
+    /// The largest value of a small picture of single rays that are roughly right.
+    fn second_glance(&self, goal: &Goal) -> Result<f64> {
+        let (scene, _) = self.small(GLANCE_PIXELS);
+        let view = View::new(&scene, &self.cache.header().domain)?;
+        let pixels = PixelGrid::new(&view, Samples::Grid(1));
+        let tolerance = ROUGHLY * goal.behind.max(f64::MIN_POSITIVE);
+        let mut goal = Goal { tolerance, ..*goal };
+        let transfer = self.transfer(tolerance);
+        let pieces = self.pieces(&transfer);
+        let method = Method::Within(goal);
+        let mut picture =
+            self.picture(&pixels, (&transfer, pieces), method, Some(tolerance), None)?;
+        picture.light.packets = Some(self.packets_for(&goal));
+        self.draw_within(&mut picture, &mut goal, Some(ROUGHLY), &mut [])?;
         largest_value(&into_inner(picture.film))
     }
 

@@ -126,7 +126,7 @@ impl Questions {
 fn picture(cache: &Cache, scene: &Scene) -> Answer {
     let options = RenderOptions {
         memory: 128 << 20,
-        threads: 1,
+        threads: Some(1),
         progress: None,
         fixed: None,
         resident: false,

@@ -125,7 +125,7 @@ impl Subject {
         let scene = deepfield::scene::Scene::parse(text, "scene").map_err(|e| e.to_string())?;
         let options = RenderOptions {
             memory: MEMORY,
-            threads: 2,
+            threads: Some(2),
             progress: None,
             fixed: None,
             resident: false,

@@ -267,6 +267,17 @@ impl ErrorShares {
             + self.rounding
     }
 
+    /// These, where all but rounding cannot be more than `limit` together.
+    pub(crate) fn at_most(&self, limit: f64) -> Self {
+        let all = self.total() - self.rounding;
+        let mut within = Self { rounding: self.rounding, ..Self::default() };
+        if all <= limit {
+            return *self;
+        }
+        within.add(&Self { rounding: 0.0, ..*self }, limit / all);
+        within
+    }
+
     /// Adds `weight` times another's.
     pub(crate) fn add(&mut self, other: &Self, weight: f64) {
         self.levels += weight * other.levels;
@@ -432,6 +443,16 @@ fn rounding(largest: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn shares_are_cut_to_what_is_possible() {
+        let shares =
+            ErrorShares { levels: 0.5, pixel_area: 1.5, rounding: 0.1, ..Default::default() };
+        let cut = shares.at_most(1.0);
+        assert_eq!((cut.levels, cut.pixel_area, cut.rounding), (0.25, 0.75, 0.1));
+        assert_eq!(shares.at_most(2.0), shares);
+        assert_eq!(shares.at_most(f64::INFINITY), shares);
+    }
 
     #[test]
     fn nothing_wrong_is_no_error() {

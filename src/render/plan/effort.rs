@@ -16,7 +16,7 @@ const UNEVEN: u64 = 16;
 const MOST_ALONE: u64 = 32_000_000;
 const MOST_ALONE_PER_PIXEL: u64 = 256;
 const FEWEST_ALONE_PER_PIXEL: u64 = 16;
-const SMALL_ALONE: u64 = 4_000_000;
+const SMALL_ALONE: u64 = 8_000_000;
 const SMALL_ALONE_PER_PIXEL: u64 = 4096;
 /// A picture takes about so many of these at least, and a pixel no more than the quarters of quarters of
 /// quarters: all of those of pixels that are drawn together have room.
