@@ -52,7 +52,7 @@ impl AtomicFile {
                 .create(true)
                 .truncate(false)
                 .open(&partial)
-                .map_err(|error| Error::io(&target, "cannot write beside it", error))?;
+                .map_err(|error| refused(&target, error))?;
             lock(&file, &target)?;
             if is_at(&file, &partial) {
                 file.set_len(0).map_err(|error| Error::io(&partial, "cannot empty", error))?;
@@ -148,6 +148,14 @@ fn partial_path(target: &Path) -> Result<PathBuf> {
     }
     partial.push(OsStr::new(".deepfield-partial"));
     Ok(target.with_file_name(partial))
+}
+
+fn refused(target: &Path, error: io::Error) -> Error {
+    let action = match error.kind() {
+        ErrorKind::NotFound => "cannot write: its folder is to be made first",
+        _ => "cannot write beside it",
+    };
+    Error::io(target, action, error)
 }
 
 /// Locks `file`, a file or folder under the temporary name of what is to be at `target`.

@@ -199,7 +199,10 @@ fn unit(field: &Value) -> String {
 }
 
 fn print_field(field: &Value, output: &mut Output) -> Result<()> {
-    let number = |key: &str| field[key].to_string();
+    let number = |key: &str| match &field[key] {
+        Value::Null => "none".to_owned(),
+        value => value.to_string(),
+    };
     let unit = unit(field);
     if field.get("min").is_none() {
         return output.line(format!("field {}:{unit}", field["name"].as_str().unwrap_or("?")));

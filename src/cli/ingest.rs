@@ -149,6 +149,12 @@ fn report(header: &Header, arguments: &Arguments) -> Result<()> {
         size::show(header.file_bytes),
     ))?;
     for field in &header.fields {
+        if cells > 0 && field.dropped_cells == cells {
+            warn(format!(
+                "{}: all {cells} leaf cells were dropped: pictures of it are black",
+                field.name
+            ));
+        }
         if field.nan_cells > 0 {
             warn(format!(
                 "{}: {} leaf cells are NaN: they are left out of averages, extrema and \

@@ -51,7 +51,7 @@ enum Command {
     Verify(verify::Arguments),
     /// Write a synthetic data set in the layout of a simulation code
     Synth(synth::Arguments),
-    /// Measure time against error
+    /// Measure time, memory and files: against error, depth, size, covering grids, plain reading
     Bench(bench::Arguments),
 }
 

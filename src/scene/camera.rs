@@ -41,8 +41,10 @@ pub struct CameraSettings {
 enum Kind {
     Perspective,
     Orthographic,
-    Later,
 }
+
+/// Known, and not supported.
+const LATER: [&str; 2] = ["fisheye", "equirectangular"];
 
 impl CameraSettings {
     /// Reads `[camera]`.
@@ -67,18 +69,15 @@ fn parse_projection(table: &Table<'_>) -> Result<Projection> {
     let Some(entry) = table.get("projection") else {
         return Ok(Projection::Perspective { fov_degrees });
     };
-    let kind = entry.choice(&[
-        ("perspective", Kind::Perspective),
-        ("orthographic", Kind::Orthographic),
-        ("fisheye", Kind::Later),
-        ("equirectangular", Kind::Later),
-    ])?;
-    match kind {
+    if LATER.contains(&entry.string()?) {
+        return Err(entry.error(
+            "this projection is not supported yet; use \"perspective\" or \"orthographic\"",
+        ));
+    }
+    let known = [("perspective", Kind::Perspective), ("orthographic", Kind::Orthographic)];
+    match entry.choice(&known)? {
         Kind::Perspective => Ok(Projection::Perspective { fov_degrees }),
         Kind::Orthographic => Ok(Projection::Orthographic { height }),
-        Kind::Later => Err(entry.error(
-            "this projection is not supported yet; use \"perspective\" or \"orthographic\"",
-        )),
     }
 }
 
