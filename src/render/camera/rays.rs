@@ -139,8 +139,8 @@ impl Square {
 pub(crate) struct PixelGrid {
     view: View,
     samples: Samples,
-    /// Edge of a tile, pixels.
-    tile: u32,
+    /// Width and height of a tile, pixels.
+    tile: [u32; 2],
     /// How wide what a ray stands for is, in pixels.
     part: f64,
 }
@@ -149,8 +149,8 @@ impl PixelGrid {
     /// The pixels of `view`, with the rays that `samples` asks for.
     pub(crate) fn new(view: &View, samples: Samples) -> Self {
         let tile = match samples {
-            Samples::Area => area_tile(u64::from(view.width()) * u64::from(view.height())),
-            Samples::Grid(n) => TILE_SIDE / n.clamp(1, TILE_SIDE),
+            Samples::Area => area_tile([view.width(), view.height()]),
+            Samples::Grid(n) => [TILE_SIDE / n.clamp(1, TILE_SIDE); 2],
         };
         Self { view: view.clone(), samples, tile, part: 1.0 }
     }
@@ -276,22 +276,27 @@ impl PixelGrid {
         let within = index - first_row * columns;
         let at = [within / strip_rows, first_row + within % strip_rows];
         let size = self.whole().hi;
-        let lo = at.map(|tile| u32::try_from(tile).unwrap_or(u32::MAX).saturating_mul(self.tile));
-        let hi = std::array::from_fn(|a| lo[a].saturating_add(self.tile).min(size[a]));
+        let [width, height] = self.tile;
+        let edge =
+            |tile: u64, side: u32| u32::try_from(tile).unwrap_or(u32::MAX).saturating_mul(side);
+        let lo = [edge(at[0], width), edge(at[1], height)];
+        let hi = std::array::from_fn(|a| lo[a].saturating_add(self.tile[a]).min(size[a]));
         PixelRect { lo, hi }
     }
 
     /// The last of the tiles, in their order, that have pixels of `rect`.
     pub(crate) fn last_tile(&self, rect: &PixelRect) -> u64 {
         let [columns, rows] = self.tile_counts().map(u64::from);
-        let [column, row] = rect.hi.map(|end| u64::from(end.saturating_sub(1) / self.tile));
+        let last = |a: usize| u64::from(rect.hi[a].saturating_sub(1) / self.tile[a]);
+        let (column, row) = (last(0), last(1));
         let first_row = row / u64::from(STRIP_ROWS) * u64::from(STRIP_ROWS);
         let strip_rows = rows.saturating_sub(first_row).clamp(1, u64::from(STRIP_ROWS));
         first_row * columns + column * strip_rows + (row - first_row)
     }
 
     fn tile_counts(&self) -> [u32; 2] {
-        [self.view.width().div_ceil(self.tile), self.view.height().div_ceil(self.tile)]
+        let [width, height] = self.tile;
+        [self.view.width().div_ceil(width), self.view.height().div_ceil(height)]
     }
 }
 
@@ -299,21 +304,33 @@ impl PixelGrid {
 /// pixels may take thousands of rays, and threads share nothing smaller than tiles. Not the number of
 /// threads decides, which pictures do not depend on.
 const FEWEST_TILES: u64 = 12;
-const LEAST_TILE_SIDE: u32 = 8;
+const LEAST_TILE_SIDE: u32 = 16;
 
-/// Edge of the tiles of a picture of areas that has so many pixels.
-fn area_tile(pixels: u64) -> u32 {
+/// Width and height of the tiles of a picture of areas that has so many columns and rows. Where they
+/// are smaller than others they are alike: pixels in what would be left over had few neighbours.
+fn area_tile(size: [u32; 2]) -> [u32; 2] {
+    let pixels = u64::from(size[0]) * u64::from(size[1]);
     let mut side = TILE_SIDE;
     while side > LEAST_TILE_SIDE && pixels < FEWEST_TILES * u64::from(side).pow(2) {
         side /= 2;
     }
-    side
+    if side == TILE_SIDE {
+        return [TILE_SIDE; 2];
+    }
+    size.map(|size| size.div_ceil(size.div_ceil(side).max(1)).max(1))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::render::testing::scene::{scene, view};
+
+    #[test]
+    fn small_pictures_have_smaller_tiles_that_are_alike() {
+        let tiles = [[9, 7], [33, 20], [64, 64], [130, 100], [320, 180], [1920, 1080]];
+        let tiles = tiles.map(area_tile);
+        assert_eq!(tiles, [[9, 7], [11, 10], [16, 16], [26, 25], [64, 64], [64, 64]]);
+    }
 
     #[test]
     fn tiles_cover_every_pixel_once() {

@@ -10,7 +10,7 @@ use self::neighbours::First;
 use self::prospect::{GroupInHand, power};
 use self::rim::Rim;
 use super::pixel::Pixel;
-use super::waiting::{Found, GROUP_PIXELS, ToDo, Urgency, Waiting};
+use super::waiting::{FEW_PIXELS, Found, GROUP_PIXELS, ToDo, Urgency, Waiting};
 use crate::render::bounds::grade::Care;
 use crate::render::bounds::ray_error::ErrorShares;
 use crate::render::camera::pixel_order::PixelOrder;
@@ -72,6 +72,8 @@ pub(crate) struct Sheet {
     /// Rays marched: with accounts of what they stand for, and for themselves in areas.
     rays: u64,
     alone: u64,
+    /// The latter by the few pixels that are finished together in a crowd.
+    alone_by_few: Vec<u64>,
     /// What squares that were quartered might be off by, and what their quarters may.
     fallen: [f64; 2],
     group: Option<GroupInHand>,
@@ -90,6 +92,7 @@ impl Sheet {
             * (size_of::<Pixel>()
                 + size_of::<First>()
                 + size_of::<f64>()
+                + size_of::<u64>() / FEW_PIXELS
                 + size_of::<[f32; 4]>()
                 + 2 * size_of::<Square>()
                 + 4 * size_of::<Found>())) as u64;
@@ -114,6 +117,8 @@ impl Sheet {
             }
         };
         (self.rays, self.alone) = (0, 0);
+        self.alone_by_few.clear();
+        self.alone_by_few.resize(rect.count().div_ceil(FEW_PIXELS), 0);
         self.fallen = [0.0; 2];
         self.group = None;
         self.firsts.clear();
@@ -134,9 +139,15 @@ impl Sheet {
         if batch.is_rim {
             return Some(batch);
         }
-        let is_alone = grid.has_area() && !batch.has_area;
-        let rays = if is_alone { &mut self.alone } else { &mut self.rays };
-        *rays += batch.squares.len() as u64;
+        let rays = batch.squares.len() as u64;
+        if grid.has_area() && !batch.has_area {
+            self.alone += rays;
+            for square in &batch.squares {
+                self.alone_by_few[usize::from(square.pixel) / FEW_PIXELS] += 1;
+            }
+        } else {
+            self.rays += rays;
+        }
         Some(batch)
     }
 
@@ -214,9 +225,17 @@ impl Sheet {
         grid.has_area() && others >= self.rays_up_to(group, goal.rays_per_pixel.saturating_sub(1))
     }
 
-    /// Whether no more rays may be marched that stand for themselves, for a group of pixels.
-    fn is_over_alone(&self, group: usize) -> bool {
-        self.goal.is_none_or(|goal| self.alone >= self.rays_up_to(group, goal.alone_per_pixel))
+    /// Whether no more rays may be marched that stand for themselves, for a pixel: its group has taken
+    /// what it may, or, where pixels are finished a few at a time, these and those before them have.
+    fn is_over_alone(&self, pixel: usize) -> bool {
+        let Some(goal) = &self.goal else { return true };
+        let most = |pixels: usize| {
+            goal.alone_per_pixel.saturating_mul(pixels.min(self.pixels.len()) as u64)
+        };
+        let few = pixel / FEW_PIXELS + 1;
+        let by_few = || self.alone_by_few[..few].iter().sum::<u64>();
+        self.alone >= most((pixel / GROUP_PIXELS + 1) * GROUP_PIXELS)
+            || self.waiting.is_crowded() && by_few() >= most(few * FEW_PIXELS)
     }
 
     /// Rays for the pixels of all groups up to this one.

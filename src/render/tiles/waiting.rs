@@ -17,10 +17,10 @@ pub(super) const GROUP_PIXELS: usize = 256;
 const MOST_WAITING: usize = 32 << 10;
 const MOST_ALONE: usize = MOST_WAITING / 2;
 const MOST_OTHERS: usize = MOST_WAITING - 2 * BATCH_RAYS;
-/// Where more wait for rays that stand for themselves, pixels of a group are finished a few at a time:
-/// all of them at once would not find room.
+/// Once more have waited for rays that stand for themselves, pixels of a tile are finished a few at a
+/// time: all of a group at once would not find room.
 const CROWD: usize = MOST_ALONE / 2;
-const FEW_PIXELS: usize = 8;
+pub(super) const FEW_PIXELS: usize = 8;
 
 /// What a ray has found.
 #[derive(Debug, Clone, Copy)]
@@ -93,6 +93,7 @@ pub(super) struct Waiting {
     count: usize,
     /// How many of them are for rays that stand for themselves.
     alone: usize,
+    is_crowded: bool,
 }
 
 impl Waiting {
@@ -102,14 +103,14 @@ impl Waiting {
     /// Forgets all squares.
     pub(super) fn clear(&mut self) {
         self.alike.clear();
-        (self.count, self.alone) = (0, 0);
+        (self.count, self.alone, self.is_crowded) = (0, 0, false);
     }
 
     /// Takes those out of the first group of pixels that harm these most, in a crowd those of its first
     /// few pixels; the group's number with them.
     pub(super) fn pop(&mut self) -> Option<(usize, Vec<Found>, ToDo)> {
         let number = self.next()?;
-        let is_crowded = self.is_crowded();
+        let is_crowded = self.is_crowded;
         let Alike { mut found, to_do, urgency } = self.take(number);
         let mut others = 0;
         while let (Some(alike), false) = (self.alike.get(others), is_crowded) {
@@ -123,8 +124,9 @@ impl Waiting {
         Some((urgency.group, found, to_do))
     }
 
-    fn is_crowded(&self) -> bool {
-        self.alone > CROWD
+    /// Whether pixels are finished a few at a time.
+    pub(super) fn is_crowded(&self) -> bool {
+        self.is_crowded
     }
 
     /// Takes out the squares that [`Self::pop`] would, if these are to be dealt with as `to_do`
@@ -142,7 +144,7 @@ impl Waiting {
 
     /// Whose turn it is.
     fn next(&self) -> Option<usize> {
-        let is_crowded = self.is_crowded();
+        let is_crowded = self.is_crowded;
         let order = |number: &usize| {
             let Urgency { group, few, harm } = self.alike[*number].urgency;
             (Reverse(group), Reverse(if is_crowded { few } else { 0 }), harm)
@@ -189,6 +191,7 @@ impl Waiting {
         }
         self.count += 1;
         self.alone += usize::from(to_do.alone);
+        self.is_crowded |= self.alone > CROWD;
         let most = most_alike(to_do);
         let is_alike = |alike: &&mut Alike| {
             alike.urgency == urgency && alike.to_do == *to_do && alike.found.len() < most
@@ -251,6 +254,33 @@ mod tests {
             pixels.extend(found.iter().map(|f| f.square.pixel));
         }
         assert_eq!(pixels, [2, 4, 1, 0, 3, far]);
+    }
+
+    #[test]
+    fn in_a_crowd_the_first_few_pixels_come_first() {
+        let mut waiting = Waiting::default();
+        let alone = ToDo { alone: true, ..to_do(true) };
+        let urgency = |pixel: u16, error| Urgency::new(0, error).among_few(usize::from(pixel));
+        let last = GROUP_PIXELS as u16 - 1;
+        let mut push = |pixel: u16, error: f64| {
+            assert!(waiting.push(found(pixel, error), urgency(pixel, error), &alone));
+        };
+        // Alike but for where they are.
+        [last, 0, 100].map(|pixel| push(pixel, 1.0));
+        push(1, 0.1);
+        let (_, first, _) = waiting.pop().unwrap();
+        assert_eq!(first.len(), 3);
+        for n in 0..CROWD as u16 {
+            assert!(waiting.push(found(last, 1.0), urgency(last, 1.0), &alone), "{n}");
+        }
+        assert!(waiting.is_crowded());
+        let (_, first, _) = waiting.pop().unwrap();
+        assert_eq!(first.len(), 1);
+        assert_eq!(first[0].square.pixel, 1);
+        while waiting.pop().is_some() {}
+        assert!(waiting.is_crowded());
+        waiting.clear();
+        assert!(!waiting.is_crowded());
     }
 
     #[test]

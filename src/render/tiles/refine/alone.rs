@@ -16,6 +16,10 @@ use crate::render::tiles::waiting::{Found, ToDo, Urgency};
 const MEAN_SHARE: f64 = 0.7;
 const LEAST_MEAN_SHARE: f64 = 0.1;
 const ALONE_SHARE: f64 = 0.6;
+/// Pixels of small pictures are halved so often where they are dark and may not be, by bounds of so
+/// many tolerances.
+const GLINTS: u8 = 3;
+const FAR: f64 = 4.0;
 /// A quarter of a square stands out that may do more than this part of the square's harm.
 const STANDS_OUT: f64 = 0.4;
 
@@ -55,7 +59,7 @@ impl Sheet {
             if self.take_by_neighbours(&found) {
                 continue;
             }
-            let is_over = self.is_over_alone(pixel / GROUP_PIXELS);
+            let is_over = self.is_over_alone(pixel);
             if is_over || found.square.halvings >= MOST_HALVINGS || self.is_likely(&found) {
                 self.pixels[pixel].draw(&found, grid.weight(&found.square));
             } else {
@@ -116,7 +120,22 @@ impl Sheet {
 
     /// Whether a square is to be quartered whatever its rays tell.
     fn is_too_whole(&self, found: &Found) -> bool {
-        self.goal.is_some_and(|goal| found.square.halvings < goal.least_halvings)
+        self.goal.is_some_and(|goal| {
+            let is_small = goal.least_halvings > 0;
+            let least = if is_small && self.may_glint(&goal, found) { GLINTS } else { 0 };
+            found.square.halvings < goal.least_halvings.max(least)
+        })
+    }
+
+    /// Whether neither a pixel's first ray nor that of a square of it has met anything that counts, and
+    /// yet something may be there that does: the tip of what shines covers little of its pixel, and
+    /// none of those beside it.
+    fn may_glint(&self, goal: &Goal, found: &Found) -> bool {
+        let pixel = usize::from(found.square.pixel);
+        let is_dark = |value: f64| value <= goal.tolerance;
+        self.first_bound(pixel) > FAR * goal.tolerance
+            && found.value.iter().all(|&value| is_dark(value))
+            && self.is_first_dark(pixel, goal.tolerance)
     }
 
     /// What a pixel and those beside it have as their first variance on average.

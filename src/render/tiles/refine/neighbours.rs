@@ -103,6 +103,11 @@ impl Sheet {
         self.firsts[pixel].bound
     }
 
+    /// Whether the first ray of a pixel has met no more than `limit`.
+    pub(super) fn is_first_dark(&self, pixel: usize, limit: f64) -> bool {
+        self.firsts[pixel].value.iter().all(|&value| f64::from(value) <= limit)
+    }
+
     /// What the first ray of the pixel so many steps beside the one at `place` has found.
     pub(super) fn first(&self, place: [u32; 2], steps: [i32; 2]) -> Option<[f64; 4]> {
         let number = self.order.beside(place, steps)?;
