@@ -201,7 +201,6 @@ impl<'s> Studio<'s> {
                 }
                 Tolerance::Relative(_) => f64::MIN_POSITIVE,
             },
-            brightest: self.exact.brightest(),
             behind: glance,
             rays_per_pixel: effort.most,
             alone_per_pixel: effort.most_alone,

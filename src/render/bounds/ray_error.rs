@@ -267,21 +267,6 @@ impl ErrorShares {
             + self.rounding
     }
 
-    /// These, where all but rounding cannot be more than `limit` together: what areas make is cut first,
-    /// and the others to equal parts.
-    pub(crate) fn at_most(&self, limit: f64) -> Self {
-        let all = self.total() - self.rounding;
-        if all <= limit {
-            return *self;
-        }
-        let pixel_area = (self.pixel_area - (all - limit)).max(0.0);
-        let others = all - self.pixel_area;
-        let part = if others > limit { limit / others } else { 1.0 };
-        let mut within = Self { pixel_area, rounding: self.rounding, ..Self::default() };
-        within.add(&Self { pixel_area: 0.0, rounding: 0.0, ..*self }, part);
-        within
-    }
-
     /// Adds `weight` times another's.
     pub(crate) fn add(&mut self, other: &Self, weight: f64) {
         self.levels += weight * other.levels;
@@ -447,18 +432,6 @@ fn rounding(largest: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn shares_are_cut_to_what_is_possible() {
-        let shares =
-            ErrorShares { levels: 0.5, pixel_area: 1.5, rounding: 0.1, ..Default::default() };
-        let cut = shares.at_most(1.0);
-        assert_eq!((cut.levels, cut.pixel_area, cut.rounding), (0.5, 0.5, 0.1));
-        let cut = shares.at_most(0.25);
-        assert_eq!((cut.levels, cut.pixel_area, cut.rounding), (0.25, 0.0, 0.1));
-        assert_eq!(shares.at_most(2.0), shares);
-        assert_eq!(shares.at_most(f64::INFINITY), shares);
-    }
 
     #[test]
     fn nothing_wrong_is_no_error() {

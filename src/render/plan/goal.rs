@@ -14,8 +14,6 @@ const SMALLEST_LIMIT: f64 = 1e-7;
 pub(crate) struct Goal {
     /// The largest error of any channel of any pixel, in the picture's own unit.
     pub(crate) tolerance: f64,
-    /// No light of the scene is brighter; infinite where something emits that does not absorb.
-    pub(crate) brightest: f64,
     /// Light that is expected from behind a brick.
     pub(crate) behind: f64,
     /// Rays that a tile takes at most for each of its pixels, where these stand for areas.
@@ -36,14 +34,6 @@ impl Goal {
     /// The cut that pixels begin with.
     pub(crate) fn first_cut(&self) -> Cut {
         self.cut(FIRST_LIMIT * self.tolerance)
-    }
-
-    /// The farthest that the truth may be from a pixel of this `value`, whatever is drawn: radiance is
-    /// between 0 and the brightest light, opacity between 0 and 1.
-    pub(crate) fn farthest(&self, value: &[f64; 4]) -> f64 {
-        let most = [self.brightest, self.brightest, self.brightest, 1.0];
-        let off = |(&value, most): (&f64, f64)| value.max(most - value);
-        value.iter().zip(most).map(off).fold(0.0, f64::max)
     }
 
     /// The cut that leaves `limit` to a single brick.
@@ -69,28 +59,4 @@ pub(crate) struct TileError {
     pub(crate) rays_needed: f64,
     /// The part of pixels that need more than any may take.
     pub(crate) beyond: f64,
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn no_pixel_is_farther_from_the_truth_than_light_and_opacity_reach() {
-        let goal = |brightest: f64| Goal {
-            tolerance: 0.01,
-            brightest,
-            behind: 1.0,
-            rays_per_pixel: 1,
-            alone_per_pixel: 1,
-            least_halvings: 0,
-            certifies: false,
-            power: 1.0,
-            all_levels: false,
-        };
-        assert_eq!(goal(1.0).farthest(&[0.5, 0.25, 0.5, 0.5]), 0.75);
-        assert_eq!(goal(0.25).farthest(&[0.0, 0.125, 0.0, 0.0625]), 0.9375);
-        assert_eq!(goal(4.0).farthest(&[3.5, 3.0, 3.0, 1.0]), 3.5);
-        assert_eq!(goal(f64::INFINITY).farthest(&[0.0; 4]), f64::INFINITY);
-    }
 }

@@ -365,15 +365,14 @@ impl Sheet {
         let power = power(self.fallen).unwrap_or(1.0);
         let mut error = TileError { power, ..TileError::default() };
         for (n, pixel) in self.pixels.iter().enumerate() {
-            let bound = pixel.bound();
-            let shares = self.goal.map_or(bound, |goal| bound.at_most(goal.farthest(&pixel.value)));
+            let shares = pixel.bound();
             let total = shares.total();
             if error.shares.total() < total {
                 error.shares = shares;
             }
-            let likely = if total > tolerance { pixel.estimate().min(total) } else { total };
+            let likely = if total > tolerance { pixel.estimate() } else { total };
             error.estimate = error.estimate.max(likely);
-            let times = (bound.pixel_area / tolerance).powf(power.recip());
+            let times = (shares.pixel_area / tolerance).powf(power.recip());
             let (rays, part) = (self.marched(n) * times, (self.pixels.len() as f64).recip());
             error.rays_needed += rays.clamp(1.0, MOST_NEEDED) * part;
             error.beyond += if rays > MOST_NEEDED { part } else { 0.0 };

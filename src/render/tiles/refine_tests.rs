@@ -77,7 +77,6 @@ fn goal(rays_per_pixel: u64, all_levels: bool) -> Goal {
     let tolerance = TOLERANCE;
     Goal {
         tolerance,
-        brightest: f64::INFINITY,
         behind,
         rays_per_pixel,
         alone_per_pixel,
