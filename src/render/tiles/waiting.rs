@@ -266,7 +266,7 @@ mod tests {
             assert!(waiting.push(found(pixel, error), urgency(pixel, error), &alone));
         };
         // Alike but for where they are.
-        [last, 0, 100].map(|pixel| push(pixel, 1.0));
+        [last, 0, 100].into_iter().for_each(|pixel| push(pixel, 1.0));
         push(1, 0.1);
         let (_, first, _) = waiting.pop().unwrap();
         assert_eq!(first.len(), 3);
