@@ -2,7 +2,7 @@
 
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, ErrorKind};
+use std::io::{self, ErrorKind, Write};
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -94,6 +94,17 @@ impl Drop for AtomicFile {
             let _ = fs::remove_file(&self.partial);
         }
     }
+}
+
+/// Writes a whole text to `path`.
+///
+/// # Errors
+/// As [`AtomicFile`]'s, and what the system refuses to write.
+pub(crate) fn write(path: &Path, text: &str) -> Result<()> {
+    let file = AtomicFile::create(path)?;
+    let written = file.file().write_all(text.as_bytes());
+    written.map_err(|source| Error::io(path, "cannot write", source))?;
+    file.commit()
 }
 
 /// Whether both paths mean one file, be it there (links are followed) or to be written.
@@ -201,8 +212,6 @@ fn sync_directory(target: &Path) -> io::Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use std::io::Write;
-
     use super::*;
 
     fn names(directory: &Path) -> Vec<String> {

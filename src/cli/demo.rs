@@ -1,6 +1,5 @@
 //! `deepfield demo`: the newcomer's run, each step a command that could be typed.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
@@ -10,7 +9,7 @@ use serde_json::Value;
 
 use super::output::Output;
 use super::size;
-use crate::atomic_file::AtomicFile;
+use crate::atomic_file;
 use crate::cache::{Cache, Header};
 use crate::{Error, Result};
 
@@ -62,18 +61,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 
 /// Writes one of the demo's own files, in place of none that says something else.
 fn write(path: &Path, text: &str) -> Result<()> {
-    let found = std::fs::symlink_metadata(path).is_ok();
-    if found && std::fs::read(path).is_ok_and(|there| there == text.as_bytes()) {
+    let Ok(found) = std::fs::symlink_metadata(path) else { return atomic_file::write(path, text) };
+    let is_as_long = found.is_file() && found.len() == text.len() as u64;
+    if is_as_long && std::fs::read(path).is_ok_and(|there| there == text.as_bytes()) {
         return Ok(());
     }
-    if found {
-        let reason = "is not as `demo` writes it: name another folder, or remove it";
-        return Err(Error::request(format!("{}: {reason}", path.display())));
-    }
-    let file = AtomicFile::create(path)?;
-    let written = file.file().write_all(text.as_bytes());
-    written.map_err(|source| Error::io(path, "cannot write", source))?;
-    file.commit()
+    let reason = "is not as `demo` writes it: name another folder, or remove it";
+    Err(Error::request(format!("{}: {reason}", path.display())))
 }
 
 /// Runs this program's own commands in the demo's folder.

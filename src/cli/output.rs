@@ -1,5 +1,6 @@
 //! What a program may read: standard output.
 
+use std::borrow::Cow;
 use std::io::{BufWriter, ErrorKind, Stdout, Write};
 
 use crate::{Error, Result};
@@ -20,8 +21,8 @@ impl Output {
 
     /// Prints a line; characters that would make a terminal do something, as names out of files may
     /// hold them, are left blank.
-    pub(super) fn line(&mut self, line: impl std::fmt::Display) -> Result<()> {
-        writeln!(self.writer, "{}", harmless(&line.to_string())).map_err(failed)
+    pub(super) fn line(&mut self, line: impl AsRef<str>) -> Result<()> {
+        writeln!(self.writer, "{}", harmless(line.as_ref())).map_err(failed)
     }
 
     /// Prints all lines of a text, and that is everything.
@@ -37,13 +38,17 @@ impl Output {
 }
 
 /// Prints a line that begins with "warning: " to standard error.
-pub(super) fn warn(line: impl std::fmt::Display) {
-    eprintln!("warning: {}", harmless(&line.to_string()));
+pub(super) fn warn(line: impl AsRef<str>) {
+    eprintln!("warning: {}", harmless(line.as_ref()));
 }
 
 /// `line` without control characters.
-pub(super) fn harmless(line: &str) -> String {
-    line.replace(char::is_control, " ")
+pub(super) fn harmless(line: &str) -> Cow<'_, str> {
+    if line.contains(char::is_control) {
+        Cow::Owned(line.replace(char::is_control, " "))
+    } else {
+        Cow::Borrowed(line)
+    }
 }
 
 fn failed(source: std::io::Error) -> Error {
@@ -54,4 +59,23 @@ fn failed(source: std::io::Error) -> Error {
 pub(super) fn is_closed_pipe(error: &Error) -> bool {
     matches!(error, Error::Io { path, source, .. }
         if path.as_os_str() == STANDARD_OUTPUT && source.kind() == ErrorKind::BrokenPipe)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_cannot_make_a_terminal_do_something() {
+        assert_eq!(harmless("field \u{1b}[2Jρ\n\u{9b}x"), "field  [2Jρ  x");
+        assert!(matches!(harmless("density"), Cow::Borrowed("density")));
+    }
+
+    #[test]
+    fn only_a_reader_that_went_away_ends_well() {
+        let broken = || std::io::Error::from(ErrorKind::BrokenPipe);
+        assert!(is_closed_pipe(&failed(broken())));
+        assert!(!is_closed_pipe(&Error::io("a.dfc", "cannot read", broken())));
+        assert!(!is_closed_pipe(&failed(ErrorKind::StorageFull.into())));
+    }
 }

@@ -140,5 +140,15 @@ mod tests {
             let failed = cache.get(1, 1, || Err(Error::request("no such thing")));
             assert_eq!(failed.unwrap_err().to_string(), "no such thing");
         }
+        // Of whatever kind it is.
+        let load = || {
+            let source = std::io::Error::from(std::io::ErrorKind::NotFound);
+            Err(Error::io("a.cpu0000", "cannot read", source))
+        };
+        for _ in 0..2 {
+            let failed = cache.get(2, 1, load).unwrap_err();
+            let is_kept = |source: &std::io::Error| source.kind() == std::io::ErrorKind::NotFound;
+            assert!(matches!(&failed, Error::Io { source, .. } if is_kept(source)), "{failed:?}");
+        }
     }
 }

@@ -126,8 +126,8 @@ impl Mapping {
         let [lowest, highest] = [low, high].map(|end| scale.apply(end));
         if !floor.is_nan() && (lowest.is_infinite() || highest.is_infinite()) {
             return Err(Error::request(format!(
-                "the field's values run from {low:e} to {high:e} in these units, which {scale:?} has no \
-                 end for; give the volume a `range`"
+                "the field's values run from {low:e} to {high:e} in these units, which have no \
+                 logarithm; give the volume a `range`"
             )));
         }
         Ok(Self { scale, factor, floor, low: lowest, high: highest })

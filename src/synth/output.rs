@@ -47,13 +47,15 @@ impl OutputFolder {
             // Another run has cleared it away before it was locked.
             return Err(is_being_written(&target));
         }
-        let old = old_of(&partial);
-        if old.exists() && !target.exists() {
-            // A run was killed while it replaced a data set: that is still there.
-            rename(&old, &target)?;
-        }
         let marked = marked.to_owned();
-        Ok(Self { partial, target, marked, finished: false, _lock: lock, _leftover: leftover })
+        let folder =
+            Self { partial, target, marked, finished: false, _lock: lock, _leftover: leftover };
+        let old = old_of(&folder.partial);
+        if old.exists() && !folder.target.exists() {
+            // A run was killed while it replaced a data set: that is still there.
+            rename(&old, &folder.target)?;
+        }
+        Ok(folder)
     }
 
     /// A file of the folder, where it is written.

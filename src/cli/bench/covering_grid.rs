@@ -11,6 +11,7 @@ use super::reference::largest_difference;
 use super::renderer::{Cost, Limits, Renderer};
 use super::table::csv;
 use super::viewpoints;
+use crate::atomic_file;
 use crate::cache::{BrickShape, Cache, Cursor, TreeLevel};
 use crate::cli::output::{Output, warn};
 use crate::cli::progress::Bar;
@@ -86,9 +87,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     bench.repeat(&mut subjects, arguments.limits.repeat)?;
     let text = csv(&rows(&subjects, &scenes))?;
     if let Some(folder) = &arguments.output {
-        super::write(&folder.join("covering-grid.csv"), &text)?;
+        atomic_file::write(&folder.join("covering-grid.csv"), &text)?;
         for (name, plot) in plots(&subjects, &scenes) {
-            super::write(&folder.join(name), &plot.svg())?;
+            atomic_file::write(&folder.join(name), &plot.svg())?;
         }
     }
     Output::new().end_with(&text)

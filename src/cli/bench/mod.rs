@@ -21,13 +21,9 @@ mod table;
 mod tolerance;
 mod viewpoints;
 
-use std::io::Write;
-use std::path::Path;
-
 use clap::{Args, Subcommand};
 
-use crate::atomic_file::AtomicFile;
-use crate::{Error, Result};
+use crate::Result;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -61,13 +57,4 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         Subject::Reading(arguments) => reading::run(arguments),
         Subject::Scaling(arguments) => scaling::run(arguments),
     }
-}
-
-/// Writes a table or a plot.
-fn write(path: &Path, text: &str) -> Result<()> {
-    let file = AtomicFile::create(path)?;
-    file.file()
-        .write_all(text.as_bytes())
-        .map_err(|source| Error::io(path, "cannot write", source))?;
-    file.commit()
 }

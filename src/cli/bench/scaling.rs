@@ -9,6 +9,7 @@ use super::renderer::{Limits, Renderer};
 use super::scaling_data::{Data, Scenes, Workshop};
 use super::scaling_table::{Measured, View, plots, row};
 use super::table::csv;
+use crate::atomic_file;
 use crate::cache::{Cache, Cursor};
 use crate::cli::output::Output;
 use crate::cli::progress::Bar;
@@ -71,9 +72,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 fn save(folder: &Path, text: &str, all: &[Measured]) -> Result<()> {
-    super::write(&folder.join("scaling.csv"), text)?;
+    atomic_file::write(&folder.join("scaling.csv"), text)?;
     for (name, plot) in plots(all) {
-        super::write(&folder.join(name), &plot.svg())?;
+        atomic_file::write(&folder.join(name), &plot.svg())?;
     }
     Ok(())
 }

@@ -7,6 +7,7 @@ use std::process::{Command, Stdio};
 use super::cpu::timed;
 use super::renderer::failure;
 use super::viewpoints;
+use crate::atomic_file;
 use crate::cache::{Cache, Cursor};
 use crate::cli::ingest_stats::IngestStats;
 use crate::cli::progress::Bar;
@@ -138,7 +139,7 @@ impl Scenes {
         }
         let write = |(name, text): (&str, &str)| {
             let path = folder.join(format!("{name}.toml"));
-            super::write(&path, text)?;
+            atomic_file::write(&path, text)?;
             Ok((name.to_owned(), path))
         };
         Ok(Self { list: SCENES.into_iter().map(write).collect::<Result<_>>()? })

@@ -11,6 +11,7 @@ use super::plots::plots;
 use super::reference::Reference;
 use super::renderer::{Limits, Renderer};
 use super::table::{self, Row};
+use crate::atomic_file;
 use crate::cli::output::Output;
 use crate::cli::progress::Bar;
 use crate::cli::values;
@@ -67,10 +68,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     time_again(&bench, &mut rows, rivals.as_deref_mut(), arguments.limits.repeat)?;
     let text = table::sweep(&rows, &reference, rivals.as_deref())?;
     if let Some(folder) = output {
-        super::write(&folder.join("tolerance.csv"), &text)?;
+        atomic_file::write(&folder.join("tolerance.csv"), &text)?;
         let name = scene.file_stem().unwrap_or_default().to_string_lossy();
         for (file, plot) in plots(&name, &rows, &reference, rivals.as_deref().unwrap_or_default()) {
-            super::write(&folder.join(file), &plot.svg())?;
+            atomic_file::write(&folder.join(file), &plot.svg())?;
         }
     }
     Output::new().end_with(&text)

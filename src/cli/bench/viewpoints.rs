@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::atomic_file;
 use crate::cache::{BrickPlace, Cache, CachedField, Decoder, Precision, RawBrick, state};
 use crate::{Error, Result};
 
@@ -37,7 +38,7 @@ pub(super) fn write(cache: &Cache, folder: &Path) -> Result<Vec<PathBuf>> {
     ];
     let write = |(name, text): (&str, String)| {
         let path = folder.join(name);
-        super::write(&path, &text)?;
+        atomic_file::write(&path, &text)?;
         Ok(path)
     };
     scenes.into_iter().map(write).collect()
