@@ -1,13 +1,14 @@
 //! One picture, from its plan to its film: the goal that a tolerance makes, the transfer function as
 //! simple as that allows, and tiles that are drawn again where a relative tolerance asks for it.
 
+mod glance;
+
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::bounds::grade::PacketTransfer;
 use super::brick::load::BrickLoader;
 use super::camera::rays::PixelGrid;
-use super::camera::view::View;
 use super::film::Film;
 use super::march::ray::Light;
 use super::march::ray_state::Ending;
@@ -21,11 +22,11 @@ use super::plan::tree_walk::{FieldIndex, Scenery, Walk};
 use super::transfer::pieces::{PieceList, TransferPieces};
 use super::transfer::shading::Shading;
 use super::transfer::table::TransferTable;
-use super::{EXACT, FixedSetting, RenderOptions, largest_value};
+use super::{FixedSetting, RenderOptions, largest_value};
 use crate::Result;
 use crate::cache::{Cache, Header};
 use crate::paging::Pool;
-use crate::scene::{Interpolation, Samples, Scene, Tolerance};
+use crate::scene::{Interpolation, Scene, Tolerance};
 use crate::space::Domain;
 
 /// A finished picture, before statistics are made of it.
@@ -51,28 +52,11 @@ pub(super) struct Studio<'s> {
     pub(super) threads: usize,
 }
 
-/// A glance is at most this many pixels wide or high, or rays where it has fewer pixels.
-const GLANCE_PIXELS: u32 = 64;
-/// A glance that saw less than one part in so many of what rays meet was misled by means; and what these
-/// rays may be off by, as a part of it.
-const MISLED: f64 = 4.0;
-const ROUGHLY: f64 = 0.25;
-/// So many an outlook is taken from: enough for an average, and not enough to meet all bricks of a
-/// large set.
-const OUTLOOK_PIXELS: u32 = 24;
-/// The part of a tolerance relative to the largest value of a glance that is tried first: what a
-/// glance sees may be brighter than the picture's pixels.
+/// The part of a tolerance relative to the largest value that is known so far that is tried: there may
+/// be less.
 const FIRST_TRY: f64 = 0.9;
-/// What is sure of the picture's largest value is less by what it may be off by itself: the part of the
-/// tolerance that is tried allows for that, and for a little more.
-const SURE: f64 = 0.97;
 /// Attempts at tiles that turn out to need a smaller tolerance.
 const ATTEMPTS: u32 = 12;
-/// Rays for each pixel, of either kind, where no glance has seen anything.
-const SKETCH_RAYS: u64 = 16;
-/// Rays for each of the pixels that an outlook is taken from.
-const OUTLOOK_RAYS: u64 = 5;
-
 /// Bytes that are kept for each tile of a picture.
 pub(super) const TILE_BYTES: u64 =
     (size_of::<TileError>() + size_of::<State>() + size_of::<bool>()) as u64;
@@ -169,82 +153,10 @@ impl<'s> Studio<'s> {
         if !is_exact {
             picture.light.packets = Some(self.packets_for(&goal));
         }
-        if let (Some(part), true) = (part, pixels.has_area() && goal.behind == 0.0) {
-            self.sketch(&mut picture, &mut goal, part, samples)?;
-        }
         self.draw_within(&mut picture, &mut goal, part, samples)?;
         let rays = picture.rays.load(Ordering::Relaxed);
         let error = Some(worst(&lock(&picture.errors)));
         Ok(Outcome { film: into_inner(picture.film), error, census, rays })
-    }
-
-    /// The goal by a glance, before anything is known of pixels' areas.
-    fn first_goal(&self, pixels: &PixelGrid, effort: &Effort, is_exact: bool) -> Result<Goal> {
-        let glance = if is_exact && !pixels.has_area() { 0.0 } else { self.glance()? };
-        let goal = self.goal_for(glance, effort, is_exact);
-        if is_exact || !pixels.has_area() {
-            return Ok(goal);
-        }
-        // Areas take many rays where the goal is too small.
-        let rays = self.second_glance(&goal)?;
-        let is_misled = rays > MISLED * glance;
-        Ok(if is_misled { self.goal_for(0.5 * rays, effort, is_exact) } else { goal })
-    }
-
-    fn goal_for(&self, glance: f64, effort: &Effort, is_exact: bool) -> Goal {
-        Goal {
-            tolerance: match self.scene.render.tolerance {
-                _ if is_exact => EXACT * glance,
-                Tolerance::Absolute(value) => value,
-                Tolerance::Relative(part) if glance > 0.0 => {
-                    FIRST_TRY.min(SURE / (1.0 + part)) * part * glance
-                }
-                Tolerance::Relative(_) => f64::MIN_POSITIVE,
-            },
-            behind: glance,
-            rays_per_pixel: effort.most,
-            alone_per_pixel: effort.most_alone,
-            least_halvings: effort.least_halvings,
-            certifies: true,
-            power: f64::INFINITY,
-            all_levels: is_exact,
-        }
-    }
-
-    /// Decides whether pixels' areas are to be certified, and how many rays that may take.
-    fn look_out(
-        &self,
-        goal: &mut Goal,
-        effort: &Effort,
-        transfer: (&TransferPieces, &PieceList),
-    ) -> Result<()> {
-        let outlook = self.outlook(goal, transfer)?;
-        let is_worthwhile = outlook.rays_needed <= effort.worthwhile as f64;
-        goal.certifies = outlook.beyond == 0.0 && is_worthwhile;
-        goal.rays_per_pixel = if goal.certifies { effort.most_certified } else { effort.scouting };
-        goal.power = outlook.power;
-        Ok(())
-    }
-
-    /// Draws a `picture` of which no glance has seen anything with few rays a pixel, for a `goal` that is
-    /// `part` of what they find: without one all that may be there would be worth every ray.
-    fn sketch(
-        &self,
-        picture: &mut Picture<'_, 's>,
-        goal: &mut Goal,
-        part: f64,
-        samples: &mut [u64],
-    ) -> Result<()> {
-        let few = |rays: u64| rays.min(SKETCH_RAYS);
-        let (rays_per_pixel, alone_per_pixel) =
-            (few(goal.rays_per_pixel), few(goal.alone_per_pixel));
-        picture.method = Method::Within(Goal { rays_per_pixel, alone_per_pixel, ..*goal });
-        picture.draw((self.threads, self.plan.readers), &|_| true, samples)?;
-        let found = largest_value(&lock(&picture.film))?;
-        // Few rays may have found too much.
-        let tolerance = if found > 0.0 { 0.5 * part * found } else { goal.tolerance };
-        Self::aim(picture, goal, tolerance, found);
-        Ok(())
     }
 
     /// Draws `picture` within `goal`; where that is to be a part of the picture's largest value,
@@ -283,90 +195,14 @@ impl<'s> Studio<'s> {
             if is_settled || !is_drawn_again.contains(&true) {
                 return Ok(());
             }
-            Self::aim(picture, goal, FIRST_TRY * limit, largest);
+            goal.tolerance = FIRST_TRY * limit;
+            goal.behind = largest;
+            if let Some(packets) = &mut picture.light.packets {
+                packets.aim(PACKET_SHARE * goal.tolerance, goal.behind);
+            }
+            picture.method = Method::Within(*goal);
         }
         Ok(())
-    }
-
-    /// Gives `picture` another `goal`.
-    fn aim(picture: &mut Picture<'_, 's>, goal: &mut Goal, tolerance: f64, behind: f64) {
-        (goal.tolerance, goal.behind) = (tolerance, behind);
-        if let Some(packets) = &mut picture.light.packets {
-            packets.aim(PACKET_SHARE * goal.tolerance, goal.behind);
-        }
-        picture.method = Method::Within(*goal);
-    }
-
-    /// The largest value of a small picture, drawn without regard to its error: through cells as wide as
-    /// its pixels, and if these show nothing through all levels. What shines may do so at values that no
-    /// mean has.
-    fn glance(&self) -> Result<f64> {
-        let largest = self.glance_through(|cut| Cut::Footprint(cut.in_short()))?;
-        if largest > 0.0 { Ok(largest) } else { self.glance_through(|_| Cut::FullDepth) }
-    }
-
-    fn glance_through(&self, levels: impl Fn(FootprintCut) -> Cut) -> Result<f64> {
-        let (scene, _) = self.small(GLANCE_PIXELS);
-        let view = View::new(&scene, &self.cache.header().domain)?;
-        let most = (GLANCE_PIXELS / scene.image.width.max(scene.image.height)).max(1);
-        let rays = match self.scene.render.samples {
-            Samples::Grid(rays) => rays.min(most),
-            Samples::Area => most,
-        };
-        let pixels = PixelGrid::new(&view, Samples::Grid(rays));
-        let Header { domain, shape, .. } = self.cache.header();
-        let cut = FootprintCut::new(f64::from(rays).recip(), &scene, domain, *shape)?;
-        let method = Method::Once { cut: levels(cut), accounts: false };
-        let exact = (self.exact, self.pieces(self.exact));
-        let mut picture = self.picture(&pixels, exact, method, None, None)?;
-        picture.light.packets = Some(self.packets(None, 0.0));
-        picture.draw((self.threads, self.plan.readers), &|_| true, &mut [])?;
-        largest_value(&into_inner(picture.film))
-    }
-
-    /// The largest value of a small picture of single rays that are roughly right.
-    fn second_glance(&self, goal: &Goal) -> Result<f64> {
-        let (scene, _) = self.small(GLANCE_PIXELS);
-        let view = View::new(&scene, &self.cache.header().domain)?;
-        let pixels = PixelGrid::new(&view, Samples::Grid(1));
-        let tolerance = ROUGHLY * goal.behind.max(f64::MIN_POSITIVE);
-        let mut goal = Goal { tolerance, ..*goal };
-        let transfer = self.transfer(tolerance);
-        let pieces = self.pieces(&transfer);
-        let method = Method::Within(goal);
-        let mut picture =
-            self.picture(&pixels, (&transfer, pieces), method, Some(tolerance), None)?;
-        picture.light.packets = Some(self.packets_for(&goal));
-        self.draw_within(&mut picture, &mut goal, Some(ROUGHLY), &mut [])?;
-        largest_value(&into_inner(picture.film))
-    }
-
-    /// The scene, in a picture of at most so many pixels along an edge, no more than a tile has. And
-    /// how wide the scene's own pixels are in it.
-    fn small(&self, pixels: u32) -> (Scene, f64) {
-        let Scene { image, .. } = self.scene;
-        let scale = f64::from(pixels) / f64::from(image.width.max(image.height));
-        let mut scene = self.scene.clone();
-        if scale >= 1.0 {
-            return (scene, 1.0);
-        }
-        let scaled = |size: u32| ((f64::from(size) * scale).round() as u32).max(1);
-        (scene.image.width, scene.image.height) = (scaled(image.width), scaled(image.height));
-        (scene, scale)
-    }
-
-    /// What a few pixels, quartered once, say of how bounds of pixels' areas will fall.
-    fn outlook(&self, goal: &Goal, transfer: (&TransferPieces, &PieceList)) -> Result<TileError> {
-        let (scene, part) = self.small(OUTLOOK_PIXELS);
-        let view = View::new(&scene, &self.cache.header().domain)?;
-        let pixels = PixelGrid::sparse(&view, part);
-        let quartered = Goal { rays_per_pixel: OUTLOOK_RAYS, alone_per_pixel: 1, ..*goal };
-        let mut picture =
-            self.picture(&pixels, transfer, Method::Within(quartered), Some(goal.tolerance), None)?;
-        picture.light.packets = Some(self.packets_for(goal));
-        picture.draw((self.threads, self.plan.readers), &|_| true, &mut [])?;
-        // It is one tile.
-        Ok(worst(&lock(&picture.errors)))
     }
 
     fn footprint_cut(&self, pixels_per_cell: f64) -> Result<Cut> {

@@ -156,9 +156,9 @@ impl PixelGrid {
     }
 
     /// The pixels of `view` as samples of those of a larger picture: each has the area of one that
-    /// is `part` as wide.
+    /// is `part` as wide. They are in as few tiles as there can be.
     pub(crate) fn sparse(view: &View, part: f64) -> Self {
-        Self { part, ..Self::new(view, Samples::Area) }
+        Self { part, tile: [TILE_SIDE; 2], ..Self::new(view, Samples::Area) }
     }
 
     /// The camera.

@@ -1,0 +1,172 @@
+//! What is known of a picture before it is drawn: about how bright it is, which makes its goal, and
+//! whether bounds of its pixels' areas can be brought within that.
+
+use super::{FIRST_TRY, Studio, into_inner, lock, worst};
+use crate::Result;
+use crate::cache::Header;
+use crate::render::camera::rays::PixelGrid;
+use crate::render::camera::view::View;
+use crate::render::picture::Method;
+use crate::render::plan::cut::{Cut, FootprintCut};
+use crate::render::plan::effort::Effort;
+use crate::render::plan::goal::{Goal, TileError};
+use crate::render::transfer::pieces::{PieceList, TransferPieces};
+use crate::render::{EXACT, largest_value};
+use crate::scene::{Samples, Scene, Tolerance};
+
+/// A glance is at most this many pixels wide or high, or rays where it has fewer pixels.
+const GLANCE_PIXELS: u32 = 64;
+/// A glance that saw less than one part in so many of what rays meet was misled by means; and what these
+/// rays may be off by, as a part of it.
+const MISLED: f64 = 4.0;
+const ROUGHLY: f64 = 0.25;
+/// Rays for each pixel, of either kind, where no glance has seen anything.
+const SKETCH_RAYS: u64 = 16;
+/// What counts of what single or few rays have met: the mean of a pixel may be less.
+const OF_RAYS: f64 = 0.5;
+/// So many pixels an outlook is taken from: enough for an average, and not enough to meet all bricks of
+/// a large set. And rays for each of them.
+const OUTLOOK_PIXELS: u32 = 24;
+const OUTLOOK_RAYS: u64 = 5;
+/// What is sure of the picture's largest value is less by what it may be off by itself: the part of the
+/// tolerance that is tried allows for that, and for a little more.
+const SURE: f64 = 0.97;
+
+impl Studio<'_> {
+    /// The goal by glances, before anything is known of pixels' areas.
+    pub(super) fn first_goal(
+        &self,
+        pixels: &PixelGrid,
+        effort: &Effort,
+        is_exact: bool,
+    ) -> Result<Goal> {
+        let glance = if is_exact && !pixels.has_area() { 0.0 } else { self.glance()? };
+        let goal = self.goal_for(glance, effort, is_exact);
+        if is_exact || !pixels.has_area() {
+            return Ok(goal);
+        }
+        // Areas take many rays where the goal is too small.
+        let rays =
+            if glance > 0.0 { self.second_glance(&goal)? } else { self.sketch(pixels, &goal)? };
+        let is_misled = rays > MISLED * glance;
+        Ok(if is_misled { self.goal_for(OF_RAYS * rays, effort, is_exact) } else { goal })
+    }
+
+    fn goal_for(&self, glance: f64, effort: &Effort, is_exact: bool) -> Goal {
+        Goal {
+            tolerance: match self.scene.render.tolerance {
+                _ if is_exact => EXACT * glance,
+                Tolerance::Absolute(value) => value,
+                Tolerance::Relative(part) if glance > 0.0 => {
+                    FIRST_TRY.min(SURE / (1.0 + part)) * part * glance
+                }
+                Tolerance::Relative(_) => f64::MIN_POSITIVE,
+            },
+            behind: glance,
+            rays_per_pixel: effort.most,
+            alone_per_pixel: effort.most_alone,
+            least_halvings: effort.least_halvings,
+            certifies: true,
+            power: f64::INFINITY,
+            all_levels: is_exact,
+        }
+    }
+
+    /// The largest value of a small picture, drawn without regard to its error: through cells as wide as
+    /// its pixels, and if these show nothing through all levels. What shines may do so at values that no
+    /// mean has.
+    pub(super) fn glance(&self) -> Result<f64> {
+        let (scene, _) = self.small(GLANCE_PIXELS);
+        let view = View::new(&scene, &self.cache.header().domain)?;
+        let most = (GLANCE_PIXELS / scene.image.width.max(scene.image.height)).max(1);
+        let rays = match self.scene.render.samples {
+            Samples::Grid(rays) => rays.min(most),
+            Samples::Area => most,
+        };
+        let pixels = PixelGrid::new(&view, Samples::Grid(rays));
+        let Header { domain, shape, .. } = self.cache.header();
+        let wide = FootprintCut::new(f64::from(rays).recip(), &scene, domain, *shape)?;
+        let largest = self.glance_through(Cut::Footprint(wide.in_short()), &pixels)?;
+        if largest > 0.0 { Ok(largest) } else { self.glance_through(Cut::FullDepth, &pixels) }
+    }
+
+    fn glance_through(&self, cut: Cut, pixels: &PixelGrid) -> Result<f64> {
+        let method = Method::Once { cut, accounts: false };
+        let exact = (self.exact, self.pieces(self.exact));
+        let mut picture = self.picture(pixels, exact, method, None, None)?;
+        picture.light.packets = Some(self.packets(None, 0.0));
+        picture.draw((self.threads, self.plan.readers), &|_| true, &mut [])?;
+        largest_value(&into_inner(picture.film))
+    }
+
+    /// The largest value of a small picture of single rays that are roughly right.
+    fn second_glance(&self, goal: &Goal) -> Result<f64> {
+        let (scene, _) = self.small(GLANCE_PIXELS);
+        let view = View::new(&scene, &self.cache.header().domain)?;
+        let pixels = PixelGrid::new(&view, Samples::Grid(1));
+        let goal = Goal { tolerance: ROUGHLY * goal.behind, ..*goal };
+        self.draw_for(goal, Some(ROUGHLY), &pixels)
+    }
+
+    /// The largest value of the picture by few rays a pixel, where no glance has seen anything: with
+    /// nothing to expect all that may be there would be worth every ray.
+    fn sketch(&self, pixels: &PixelGrid, goal: &Goal) -> Result<f64> {
+        let few = |rays: u64| rays.min(SKETCH_RAYS);
+        let (rays_per_pixel, alone_per_pixel) =
+            (few(goal.rays_per_pixel), few(goal.alone_per_pixel));
+        self.draw_for(Goal { rays_per_pixel, alone_per_pixel, ..*goal }, None, pixels)
+    }
+
+    /// The largest value of what is drawn for a goal, or for `part` of that.
+    fn draw_for(&self, mut goal: Goal, part: Option<f64>, pixels: &PixelGrid) -> Result<f64> {
+        let transfer = self.transfer(goal.tolerance);
+        let (transfer, method) = ((&transfer, self.pieces(&transfer)), Method::Within(goal));
+        let mut picture = self.picture(pixels, transfer, method, Some(goal.tolerance), None)?;
+        picture.light.packets = Some(self.packets_for(&goal));
+        self.draw_within(&mut picture, &mut goal, part, &mut [])?;
+        largest_value(&into_inner(picture.film))
+    }
+
+    /// Decides whether pixels' areas are to be certified, and how many rays that may take.
+    pub(super) fn look_out(
+        &self,
+        goal: &mut Goal,
+        effort: &Effort,
+        transfer: (&TransferPieces, &PieceList),
+    ) -> Result<()> {
+        let outlook = self.outlook(goal, transfer)?;
+        let is_worthwhile = outlook.rays_needed <= effort.worthwhile as f64;
+        goal.certifies = outlook.beyond == 0.0 && is_worthwhile;
+        goal.rays_per_pixel = if goal.certifies { effort.most_certified } else { effort.scouting };
+        goal.power = outlook.power;
+        Ok(())
+    }
+
+    /// What a few pixels, quartered once, say of how bounds of pixels' areas will fall.
+    fn outlook(&self, goal: &Goal, transfer: (&TransferPieces, &PieceList)) -> Result<TileError> {
+        let (scene, part) = self.small(OUTLOOK_PIXELS);
+        let view = View::new(&scene, &self.cache.header().domain)?;
+        let pixels = PixelGrid::sparse(&view, part);
+        let quartered = Goal { rays_per_pixel: OUTLOOK_RAYS, alone_per_pixel: 1, ..*goal };
+        let mut picture =
+            self.picture(&pixels, transfer, Method::Within(quartered), Some(goal.tolerance), None)?;
+        picture.light.packets = Some(self.packets_for(goal));
+        picture.draw((self.threads, self.plan.readers), &|_| true, &mut [])?;
+        // It is one tile.
+        Ok(worst(&lock(&picture.errors)))
+    }
+
+    /// The scene, in a picture of at most so many pixels along an edge, no more than a tile has. And
+    /// how wide the scene's own pixels are in it.
+    fn small(&self, pixels: u32) -> (Scene, f64) {
+        let image = &self.scene.image;
+        let scale = f64::from(pixels) / f64::from(image.width.max(image.height));
+        let mut scene = self.scene.clone();
+        if scale >= 1.0 {
+            return (scene, 1.0);
+        }
+        let scaled = |size: u32| ((f64::from(size) * scale).round() as u32).max(1);
+        (scene.image.width, scene.image.height) = (scaled(image.width), scaled(image.height));
+        (scene, scale)
+    }
+}
