@@ -605,3 +605,36 @@ fn areas_around_the_axis_are_within_their_bound() {
     }
     assert!(5 * certified > 2 * pictures, "{certified} of {pictures} pictures are certified");
 }
+
+/// A picture of the areas of 32 by 32 pixels, `height` high, of values between 4.2 and 4.4; or of n by n
+/// rays.
+fn shell(height: f64, samples: &str) -> String {
+    format!(
+        "[image]\nwidth = 32\nheight = 32\n[camera]\nprojection = \"orthographic\"\n\
+         position = [2.0, 1.3, -1.5]\nlook_at = [0.4, 0.55, 0.6]\nheight = {height}\n\
+         [render]\ntolerance = \"1%\"\nsamples = {samples}\n[[volume]]\nfield = \"Density\"\n\
+         scale = \"linear\"\nrange = [1.0, 9.0]\n\
+         absorption = [[0.4, 0.0], [0.4, 7.0], [0.425, 7.0], [0.425, 0.0]]\n"
+    )
+}
+
+#[test]
+fn what_no_mean_shows_takes_no_more_rays_than_it_is_worth() {
+    let subject = Subject::new(
+        "[[density]]\nkind = \"constant\"\nvalue = 1.0\n[[density]]\nkind = \"gaussian\"\n\
+         centre = [0.4, 0.55, 0.6]\npeak = 8.0\nsigma = 0.05\n",
+    );
+    // Near, and from so far that all of it is in a pixel, whose first ray need not meet it.
+    for (height, most_rays) in [(0.6, 150), (9.0, 120)] {
+        let area = subject.drawn(&shell(height, "\"area\"")).unwrap();
+        assert!(area.stats.rays < most_rays * 1024, "{height}: {} rays", area.stats.rays);
+        let truth = subject.drawn(&shell(height, "64")).unwrap();
+        let largest = f64::from(truth.film.largest_value());
+        assert!(largest > 0.0, "{height}");
+        let pairs = area.film.pixels().iter().zip(truth.film.pixels());
+        let off = |(a, b): (&[f32; 4], &[f32; 4])| (a[3] - b[3]).abs();
+        let worst = f64::from(pairs.map(off).fold(0.0, f32::max));
+        // What 64 by 64 rays are off by counts as well.
+        assert!(worst <= 0.02 * largest, "{height}: {worst} of {largest}");
+    }
+}

@@ -52,15 +52,21 @@ struct Alone {
     bend: [Sum; 4],
     /// How many these are.
     unknown: u32,
-    /// The same of squares that were given up for want of room, and how many of nothing is known: more
-    /// rays in others do not change what these are off by.
-    lost_variance: Sum,
-    lost_bend: [Sum; 4],
-    lost_unknown: u32,
+    /// The same of squares that were given up for want of room: more rays in others do not change what
+    /// these are off by.
+    lost: Lost,
     /// What their rays may be off by, where that is known.
     own: Sum,
     /// The variance as four rays of the whole pixel told it.
     first: Option<f64>,
+}
+
+/// Squares that were given up, likewise.
+#[derive(Debug, Clone, Copy, Default)]
+struct Lost {
+    variance: f64,
+    bend: [f32; 4],
+    unknown: u32,
 }
 
 impl Pixel {
@@ -106,10 +112,7 @@ impl Pixel {
 
     /// Takes a square of those left as it is, for want of room: what it may be off by stays.
     pub(super) fn give_up(&mut self, found: &Found, weight: f64) {
-        match &found.uneven {
-            Some(uneven) => self.alone.lose(uneven, weight),
-            None => self.alone.lost_unknown += 1,
-        }
+        self.alone.lose(found.uneven.as_ref(), weight);
         self.draw(found, weight);
     }
 
@@ -157,18 +160,17 @@ impl Pixel {
     /// What its mean may be off by in all likelihood, where its variance is taken for at least
     /// `least`; infinite while something is unknown.
     pub(super) fn unlikely(&self, least: f64) -> f64 {
-        let Alone { unknown, variance, bend, .. } = &self.alone;
-        likely_error(*unknown > 0, variance.value().max(least), bend.map(Sum::value))
+        let Alone { unknown, variance, bend, lost, .. } = &self.alone;
+        let variance = variance.value() + lost.variance;
+        let bend = |n: usize| bend[n].value() + f64::from(lost.bend[n]);
+        likely_error(unknown + lost.unknown, variance.max(least), std::array::from_fn(bend))
     }
 
     /// What its mean may be off by in all likelihood as far as more rays may change it, where that
     /// variance is taken for at least `least`: squares that were given up are left out.
     pub(super) fn changeable(&self, least: f64) -> f64 {
-        let alone = &self.alone;
-        let variance = alone.variance.value() - alone.lost_variance.value();
-        let bend = |n: usize| alone.bend[n].value() - alone.lost_bend[n].value();
-        let is_unknown = alone.unknown > alone.lost_unknown;
-        likely_error(is_unknown, variance.max(least), std::array::from_fn(bend))
+        let Alone { unknown, variance, bend, .. } = &self.alone;
+        likely_error(*unknown, variance.value().max(least), bend.map(Sum::value))
     }
 
     /// What it is off by at most.
@@ -199,8 +201,9 @@ impl Pixel {
     }
 }
 
-fn likely_error(is_unknown: bool, variance: f64, bend: [f64; 4]) -> f64 {
-    if is_unknown {
+/// What a mean may be off by in all likelihood; without limit where nothing is known of some squares.
+fn likely_error(unknown: u32, variance: f64, bend: [f64; 4]) -> f64 {
+    if unknown > 0 {
         return f64::INFINITY;
     }
     let most_bend = bend.iter().fold(0.0, |most: f64, bend| most.max(bend.abs()));
@@ -239,11 +242,17 @@ impl Alone {
         }
     }
 
-    /// Counts a square that is `weight` of the pixel as one that stays as it is.
-    fn lose(&mut self, uneven: &Unevenness, weight: f64) {
-        self.lost_variance.add(uneven.variance(weight));
-        for (sum, bend) in self.lost_bend.iter_mut().zip(uneven.bend) {
-            sum.add(weight * f64::from(bend));
+    /// Counts a square that is `weight` of the pixel among those that were given up.
+    fn lose(&mut self, uneven: Option<&Unevenness>, weight: f64) {
+        let Some(uneven) = uneven else {
+            self.unknown = self.unknown.saturating_sub(1);
+            self.lost.unknown += 1;
+            return;
+        };
+        self.count(uneven, weight, -1.0);
+        self.lost.variance += uneven.variance(weight);
+        for (sum, bend) in self.lost.bend.iter_mut().zip(uneven.bend) {
+            *sum += weight as f32 * bend;
         }
     }
 }
@@ -457,7 +466,7 @@ mod tests {
         let likely = pixel.unlikely(0.0);
         assert!((likely - DEVIATIONS * 0.25 - 0.1).abs() < 1e-7 && pixel.changeable(0.0) == likely);
         quarters[..3].iter().for_each(|quarter| pixel.give_up(quarter, 0.25));
-        assert_eq!(pixel.unlikely(0.0), likely);
+        assert!((pixel.unlikely(0.0) - likely).abs() < 1e-7);
         assert!((pixel.changeable(0.0) - DEVIATIONS * 0.125 - 0.025).abs() < 1e-7);
         assert_eq!(pixel.value, [0.75; 4]);
         // Of what is not known at all.

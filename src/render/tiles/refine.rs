@@ -6,7 +6,7 @@ mod neighbours;
 mod prospect;
 mod rim;
 
-use self::neighbours::First;
+use self::neighbours::{First, MOST_BLOCKS};
 use self::prospect::{GroupInHand, power};
 use self::rim::Rim;
 use super::pixel::Pixel;
@@ -91,11 +91,11 @@ impl Sheet {
         + (BATCH_RAYS
             * (size_of::<Pixel>()
                 + size_of::<First>()
-                + size_of::<f64>()
-                + size_of::<u64>() / FEW_PIXELS
                 + size_of::<[f32; 4]>()
                 + 2 * size_of::<Square>()
-                + 4 * size_of::<Found>())) as u64;
+                + 4 * size_of::<Found>())
+            + BATCH_RAYS / FEW_PIXELS * size_of::<u64>()
+            + MOST_BLOCKS * size_of::<f64>()) as u64;
 
     /// Begins with the pixels of `rect`.
     pub(crate) fn start(&mut self, grid: &PixelGrid, rect: PixelRect, method: &Method) {
@@ -123,8 +123,7 @@ impl Sheet {
         self.group = None;
         self.firsts.clear();
         self.firsts.resize(rect.count(), First::default());
-        self.doubts.clear();
-        self.doubts.resize(rect.count(), 0.0);
+        self.clear_doubts();
         self.waiting.clear();
         let has_area = grid.has_area();
         let (again, wholes) = Default::default();
@@ -222,25 +221,24 @@ impl Sheet {
         let Some(goal) = &self.goal else { return true };
         // Each pixel has taken one ray in the first batch.
         let others = self.rays.saturating_sub(self.pixels.len() as u64);
-        grid.has_area() && others >= self.rays_up_to(group, goal.rays_per_pixel.saturating_sub(1))
+        grid.has_area()
+            && others >= self.rays_up_to(group, GROUP_PIXELS, goal.rays_per_pixel.saturating_sub(1))
     }
 
     /// Whether no more rays may be marched that stand for themselves, for a pixel: its group has taken
     /// what it may, or, where pixels are finished a few at a time, these and those before them have.
     fn is_over_alone(&self, pixel: usize) -> bool {
         let Some(goal) = &self.goal else { return true };
-        let most = |pixels: usize| {
-            goal.alone_per_pixel.saturating_mul(pixels.min(self.pixels.len()) as u64)
-        };
-        let few = pixel / FEW_PIXELS + 1;
-        let by_few = || self.alone_by_few[..few].iter().sum::<u64>();
-        self.alone >= most((pixel / GROUP_PIXELS + 1) * GROUP_PIXELS)
-            || self.waiting.is_crowded() && by_few() >= most(few * FEW_PIXELS)
+        let few = pixel / FEW_PIXELS;
+        let by_few = || self.alone_by_few[..=few].iter().sum::<u64>();
+        self.alone >= self.rays_up_to(pixel / GROUP_PIXELS, GROUP_PIXELS, goal.alone_per_pixel)
+            || self.waiting.is_crowded()
+                && by_few() >= self.rays_up_to(few, FEW_PIXELS, goal.alone_per_pixel)
     }
 
-    /// Rays for the pixels of all groups up to this one.
-    fn rays_up_to(&self, group: usize, per_pixel: u64) -> u64 {
-        let pixels = ((group + 1) * GROUP_PIXELS).min(self.pixels.len());
+    /// Rays for the pixels up to those of the `number`-th group of `size` pixels.
+    fn rays_up_to(&self, number: usize, size: usize, per_pixel: u64) -> u64 {
+        let pixels = ((number + 1) * size).min(self.pixels.len());
         per_pixel.saturating_mul(pixels as u64)
     }
 

@@ -296,6 +296,42 @@ fn pixels_of_small_pictures_take_more_rays_whatever_these_tell() {
 }
 
 #[test]
+fn tips_in_dark_pixels_of_small_pictures_are_seen() {
+    // The tip of something bright in a pixel's corner: none of five rays meets it, nor those around.
+    let is_in = |x: f64, y: f64| x > 0.0 && y > 0.0 && x + y < 0.2;
+    let light = |[x, y]: [f64; 2]| f64::from(u8::from(is_in(x - 4.0, y - 3.0)));
+    let goal = Goal { least_halvings: 1, tolerance: 0.01, ..likely(false) };
+    let (rays, _) = draw_light(([9, 7], goal), light, hopeless, |x, y, pixel| {
+        let mean = if (x, y) == (4, 3) { 0.02 } else { 0.0 };
+        let off = (pixel.value[0] - mean).abs();
+        assert!(off <= goal.tolerance, "{off} at {x}, {y}");
+    });
+    assert!((63 * 64..63 * 100).contains(&rays), "{rays}");
+    // By their bounds there is nothing: five rays do.
+    let (rays, _) = draw_light(([9, 7], goal), |_| 0.0, |_| 0.02, |_, _, _| {});
+    assert!(rays <= 63 * 5 + rim(9, 7), "{rays}");
+}
+
+#[test]
+fn a_pixel_that_cannot_be_finished_leaves_rays_to_others_in_a_crowd() {
+    // Edges cross all pixels, and through the first there are so many that no rays would do.
+    let light = |[x, y]: [f64; 2]| {
+        let many = if x < 1.0 && y < 1.0 { (3e4 * x * x + 2e4 * y).sin() } else { 0.0 };
+        f64::from(u8::from((1.7 * x + y).fract() > 0.5)) + many
+    };
+    let goal = Goal { alone_per_pixel: 2000, tolerance: 1e-4, ..likely(false) };
+    draw_light(([16, 4], goal), light, hopeless, |x, y, pixel| {
+        let error = pixel.estimate();
+        if (x, y) == (0, 0) {
+            assert!(error > 5.0 * goal.tolerance, "{error}");
+        } else {
+            // Were rays shared by all of a group at once, some would be off by 0.02.
+            assert!(error < 0.015, "{error} at {x}, {y}");
+        }
+    });
+}
+
+#[test]
 fn what_is_alike_in_all_pixels_is_seen_by_witnesses() {
     // Stairs of a pixel's width: centres lie on a straight line, and means on another one.
     let light = |[x, y]: [f64; 2]| 0.01 * (x + 0.4).floor() - 0.02 * (y + 0.7).floor();

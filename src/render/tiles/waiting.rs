@@ -93,6 +93,7 @@ pub(super) struct Waiting {
     count: usize,
     /// How many of them are for rays that stand for themselves.
     alone: usize,
+    /// Whether so many of these have waited that pixels are finished a few at a time.
     is_crowded: bool,
 }
 

@@ -9,6 +9,7 @@
 use super::rim::SIDES;
 use super::{Batch, Sheet};
 use crate::render::camera::pixel_order::BLOCK;
+use crate::render::camera::rays::TILE_SIDE;
 use crate::render::tiles::pixel::{Unevenness, own};
 use crate::render::tiles::waiting::Found;
 
@@ -23,6 +24,8 @@ const FEWEST_AROUND: usize = 3;
 /// What neighbours have missed in a witness counts this many times beside what they foretell of
 /// others.
 const DOUBTS: f64 = 2.0;
+/// Blocks of a tile at most.
+pub(super) const MOST_BLOCKS: usize = (TILE_SIDE / BLOCK).pow(2) as usize;
 /// What a mean is farther from its centre than those of its quarters are, where values bend.
 const OF_QUARTERS: f64 = 0.75;
 
@@ -55,15 +58,22 @@ impl Sheet {
         f64::from(self.firsts[pixel].marched)
     }
 
-    /// Blocks of pixels along x.
-    fn blocks(&self) -> u32 {
-        self.order.width().div_ceil(BLOCK)
+    /// Columns and rows of blocks of pixels.
+    fn blocks(&self) -> [u32; 2] {
+        [self.order.width(), self.order.height()].map(|side| side.div_ceil(BLOCK))
+    }
+
+    /// Nothing is in doubt.
+    pub(super) fn clear_doubts(&mut self) {
+        let [columns, rows] = self.blocks();
+        self.doubts.clear();
+        self.doubts.resize((columns * rows) as usize, 0.0);
     }
 
     /// The number of the block with a pixel, and where it begins.
     fn block_of(&self, pixel: usize) -> (u32, [u32; 2]) {
         let first = self.order.place(pixel).map(|n| n / BLOCK);
-        (first[1] * self.blocks() + first[0], first.map(|n| n * BLOCK))
+        (first[1] * self.blocks()[0] + first[0], first.map(|n| n * BLOCK))
     }
 
     /// Whether a pixel is the witness of its block; which of its pixels that is follows no pattern.
@@ -163,7 +173,7 @@ impl Sheet {
     fn doubt_around(&self, pixel: usize) -> f64 {
         let (_, place) = self.block_of(pixel);
         let [x, y] = place.map(|n| n / BLOCK);
-        let (columns, rows) = (self.blocks(), self.order.height().div_ceil(BLOCK));
+        let [columns, rows] = self.blocks();
         let near = |n: u32, count: u32| n.saturating_sub(1)..(n + 2).min(count);
         let around = near(y, rows).flat_map(|y| near(x, columns).map(move |x| [x, y]));
         around.map(|[x, y]| self.doubts[(y * columns + x) as usize]).fold(0.0, f64::max)
