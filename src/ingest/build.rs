@@ -87,8 +87,8 @@ pub(super) fn build(
                 level.next_jobs(&mut overlaps, batch)
             });
             progress.advance(jobs.len() as u64);
-            let kin = jobs.iter().map(Kin::of).collect::<Vec<_>>();
-            done = kin.into_iter().zip(assembled).collect();
+            let brick = jobs.iter().map(BuiltBrick::of).collect::<Vec<_>>();
+            done = brick.into_iter().zip(assembled).collect();
             jobs = next?;
         }
         level.above.flush()?;
@@ -160,19 +160,23 @@ impl LevelBuilder<'_> {
     }
 
     /// Files assembled bricks in their order.
-    fn take_all(&mut self, done: Vec<(Kin, Result<Assembled>)>, built: &mut Built) -> Result<()> {
-        done.into_iter().try_for_each(|(kin, assembled)| self.take(&kin, &assembled?, built))
+    fn take_all(
+        &mut self,
+        done: Vec<(BuiltBrick, Result<Assembled>)>,
+        built: &mut Built,
+    ) -> Result<()> {
+        done.into_iter().try_for_each(|(brick, assembled)| self.take(&brick, &assembled?, built))
     }
 
     /// Files an assembled brick.
-    fn take(&mut self, kin: &Kin, assembled: &Assembled, built: &mut Built) -> Result<()> {
+    fn take(&mut self, brick: &BuiltBrick, assembled: &Assembled, built: &mut Built) -> Result<()> {
         let topology = Topology {
             first_child: self.children_taken,
-            child_mask: kin.child_mask,
-            octant: kin.octant,
+            child_mask: brick.child_mask,
+            octant: brick.octant,
             counts: assembled.counts,
         };
-        self.children_taken += u64::from(kin.child_mask.count_ones());
+        self.children_taken += u64::from(brick.child_mask.count_ones());
         built.store.push(topology, &assembled.packed)?;
         self.above.push(&assembled.upward)?;
         for (tally, brick) in built.tallies.iter_mut().zip(&assembled.tallies) {
@@ -187,12 +191,12 @@ impl LevelBuilder<'_> {
 }
 
 /// A brick among others: what of a job is needed once it is done.
-struct Kin {
+struct BuiltBrick {
     child_mask: u8,
     octant: u8,
 }
 
-impl Kin {
+impl BuiltBrick {
     fn of(job: &Job) -> Self {
         let child_mask = job.children.iter().fold(0, |mask, child| mask | 1 << child.octant());
         Self { child_mask, octant: octant(&job.coordinates) }

@@ -9,7 +9,7 @@ use super::Progress;
 use super::build::upper_levels;
 use super::drafts::{Draft, Drafts, FieldDraft, field_record};
 use super::gather::{Gatherer, is_void};
-use super::hood::{Hood, Walk};
+use super::neighbourhood::{Neighbourhood, Walk};
 use super::range::range;
 use super::residual::{Residual, Scale};
 use super::store::{BrickStore, StoredBricks};
@@ -51,20 +51,20 @@ impl Completion<'_> {
         let bricks = StoredBricks::new(self.store, self.memory);
         let upper = upper_levels(self.header.shape, self.header.domain.root_cells());
         let mut walk = Walk::new(self.store, upper);
-        let mut hoods = self.next_batch(&mut walk)?;
+        let mut batch = self.next_batch(&mut walk)?;
         let mut done = Vec::new();
         // Bricks are completed while those before them are written and those after them found.
-        while !(hoods.is_empty() && done.is_empty()) {
-            let finish = || self.finish_batch(&hoods, &bricks);
+        while !(batch.is_empty() && done.is_empty()) {
+            let finish = || self.finish_batch(&batch, &bricks);
             let (finished, others) = rayon::join(finish, || {
                 let blocks = self.write_batch(done, &mut writer, &drafts)?;
                 Ok::<_, Error>((blocks, self.next_batch(&mut walk)?))
             });
             let (blocks, next) = others?;
             self.header.max_parent_blocks = self.header.max_parent_blocks.max(blocks);
-            progress.advance(hoods.len() as u64);
-            done = hoods.into_iter().zip(finished).collect();
-            hoods = next;
+            progress.advance(batch.len() as u64);
+            done = batch.into_iter().zip(finished).collect();
+            batch = next;
         }
         drafts.complete(&self.header)?;
         writer.finish(self.header, |node, fields| {
@@ -75,51 +75,51 @@ impl Completion<'_> {
     }
 
     /// The next bricks of the walk; none after the last.
-    fn next_batch(&self, walk: &mut Walk<'_>) -> Result<Vec<Arc<Hood>>> {
-        let mut hoods = Vec::with_capacity(self.batch);
-        while hoods.len() < self.batch
-            && let Some(hood) = walk.next()?
+    fn next_batch(&self, walk: &mut Walk<'_>) -> Result<Vec<Arc<Neighbourhood>>> {
+        let mut batch = Vec::with_capacity(self.batch);
+        while batch.len() < self.batch
+            && let Some(neighbours) = walk.next()?
         {
-            hoods.push(hood);
+            batch.push(neighbours);
         }
-        Ok(hoods)
+        Ok(batch)
     }
 
-    /// The bricks of `hoods` on all threads, in their order.
+    /// The bricks of `batch` on all threads, in their order.
     fn finish_batch(
         &self,
-        hoods: &[Arc<Hood>],
+        batch: &[Arc<Neighbourhood>],
         bricks: &StoredBricks<'_>,
     ) -> Vec<Result<Finished>> {
-        let finish = |hood| {
+        let finish = |neighbours| {
             let mut scratch = self.scratch.take();
-            let finished = self.finish(hood, bricks, &mut scratch);
+            let finished = self.finish(neighbours, bricks, &mut scratch);
             self.scratch.put(scratch);
             finished
         };
-        hoods.par_iter().map(finish).collect()
+        batch.par_iter().map(finish).collect()
     }
 
     /// Writes bricks in their order; the most ancestors' blocks that any has.
     fn write_batch(
         &self,
-        done: Vec<(Arc<Hood>, Result<Finished>)>,
+        done: Vec<(Arc<Neighbourhood>, Result<Finished>)>,
         writer: &mut Writer,
         drafts: &Drafts,
     ) -> Result<u8> {
-        done.into_iter().try_fold(0, |most, (hood, finished)| {
-            Ok(most.max(self.write(&hood, finished?, writer, drafts)?))
+        done.into_iter().try_fold(0, |most, (neighbours, finished)| {
+            Ok(most.max(self.write(&neighbours, finished?, writer, drafts)?))
         })
     }
 
     fn finish(
         &self,
-        hood: &Arc<Hood>,
+        neighbours: &Arc<Neighbourhood>,
         bricks: &StoredBricks<'_>,
         scratch: &mut Scratch,
     ) -> Result<Finished> {
         let mut finished = Finished { draft: Draft::default(), payloads: Vec::new(), blocks: 0 };
-        finished.draft.node = self.node_record(hood)?;
+        finished.draft.node = self.node_record(neighbours)?;
         for field in 0..self.header.fields.len() {
             let gatherer = Gatherer {
                 bricks,
@@ -128,7 +128,7 @@ impl Completion<'_> {
                 field,
                 exponent: self.header.fields[field].exponent,
             };
-            gatherer.gather(hood, &mut scratch.raw)?;
+            gatherer.gather(neighbours, &mut scratch.raw)?;
             let void = is_void(self.header.shape, &scratch.raw);
             let (range, nan) = range(&scratch.raw);
             let record = field_record(range, nan, void, scratch.raw.blocks.len());
@@ -143,9 +143,9 @@ impl Completion<'_> {
         Ok(finished)
     }
 
-    fn node_record(&self, hood: &Hood) -> Result<NodeRecord> {
-        let level = hood.place.tree_level;
-        let topology = self.store.topology(level, hood.brick())?;
+    fn node_record(&self, neighbours: &Neighbourhood) -> Result<NodeRecord> {
+        let level = neighbours.place.tree_level;
+        let topology = self.store.topology(level, neighbours.brick())?;
         let next = self.header.levels.get(level + 1).map_or(0, |next| next.first_node);
         let children = topology.child_mask != 0;
         Ok(NodeRecord {
@@ -175,12 +175,12 @@ impl Completion<'_> {
 
     fn write(
         &self,
-        hood: &Hood,
+        neighbours: &Neighbourhood,
         mut finished: Finished,
         writer: &mut Writer,
         drafts: &Drafts,
     ) -> Result<u8> {
-        let node = self.header.levels[hood.place.tree_level].first_node + hood.brick();
+        let node = self.header.levels[neighbours.place.tree_level].first_node + neighbours.brick();
         for (field, payload) in finished.payloads.iter().enumerate() {
             if let Some(payload) = payload {
                 let record: &mut FieldRecord = &mut finished.draft.fields[field].record;

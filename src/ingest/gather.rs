@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::assemble::FieldCells;
-use super::hood::{Hood, direction};
+use super::neighbourhood::{Neighbourhood, direction};
 use super::store::StoredBricks;
 use super::tally::times_power_of_two;
 use crate::cache::{Block, BrickShape, RawBrick, state};
@@ -28,35 +28,35 @@ pub(super) struct Gatherer<'s> {
 type Around = [Option<Arc<Vec<FieldCells>>>; 27];
 
 impl Gatherer<'_> {
-    /// The payload of the brick at the centre of `hood`: as many ancestors' blocks as it takes
+    /// The payload of the brick at the centre of `neighbours`: as many ancestors' blocks as it takes
     /// until one is complete, and at least one, which borders of level choice need. The memory of
     /// `raw` is reused.
-    pub(super) fn gather(&self, hood: &Arc<Hood>, raw: &mut RawBrick) -> Result<()> {
-        let lowest = hood.place.lowest_cell(self.shape);
-        let mut ancestor = Some(hood);
+    pub(super) fn gather(&self, neighbours: &Arc<Neighbourhood>, raw: &mut RawBrick) -> Result<()> {
+        let lowest = neighbours.place.lowest_cell(self.shape);
+        let mut ancestor = Some(neighbours);
         let mut up = 0;
-        while let Some(hood) = ancestor {
+        while let Some(neighbours) = ancestor {
             raw.blocks.resize_with(raw.blocks.len().max(up + 1), Block::default);
             let first: [i32; 3] = std::array::from_fn(|a| {
-                let own = hood.place.lowest_cell(self.shape)[a];
+                let own = neighbours.place.lowest_cell(self.shape)[a];
                 ((lowest[a] >> up) - own) as i32 - 1
             });
-            let complete = self.gather_block(hood, first, self.shape.side(up), raw, up)?;
+            let complete = self.gather_block(neighbours, first, self.shape.side(up), raw, up)?;
             up += 1;
             if complete && up > 1 {
                 break;
             }
-            ancestor = hood.parent.as_ref();
+            ancestor = neighbours.parent.as_ref();
         }
         raw.blocks.truncate(up);
         Ok(())
     }
 
     /// The block of `side`³ cells from `first`, counted from the lowest cell of the brick at the
-    /// centre of `hood`. Whether every cell inside the domain exists.
+    /// centre of `neighbours`. Whether every cell inside the domain exists.
     fn gather_block(
         &self,
-        hood: &Hood,
+        neighbours: &Neighbourhood,
         first: [i32; 3],
         side: usize,
         raw: &mut RawBrick,
@@ -74,20 +74,20 @@ impl Gatherer<'_> {
             for y in steps(1) {
                 for x in steps(0) {
                     let at = direction([x, y, z]);
-                    if let Some(brick) = hood.bricks[at] {
-                        let cells = self.bricks.get(hood.place.tree_level, brick)?;
+                    if let Some(brick) = neighbours.bricks[at] {
+                        let cells = self.bricks.get(neighbours.place.tree_level, brick)?;
                         self.copy(&cells[self.field], [x, y, z], first, block);
                         around[at] = Some(cells);
                     }
                 }
             }
         }
-        self.mark_outside(hood, first, block);
+        self.mark_outside(neighbours, first, block);
         // Without an end at the first: many states at a time.
         let known = |bits: u8| bits & (state::EXISTS | state::OUTSIDE) != 0;
         let complete = block.states.iter().fold(true, |all, &bits| all & known(bits));
         if block.states.iter().fold(0, |any, bits| any | bits) & state::VOID != 0 {
-            self.fill_void(hood, first, &mut around, block)?;
+            self.fill_void(neighbours, first, &mut around, block)?;
         }
         Ok(complete)
     }
@@ -123,9 +123,9 @@ impl Gatherer<'_> {
     }
 
     /// Marks the cells beyond the domain.
-    fn mark_outside(&self, hood: &Hood, first: [i32; 3], block: &mut Block) {
-        let lowest = hood.place.lowest_cell(self.shape);
-        let octree = hood.place.octree;
+    fn mark_outside(&self, neighbours: &Neighbourhood, first: [i32; 3], block: &mut Block) {
+        let lowest = neighbours.place.lowest_cell(self.shape);
+        let octree = neighbours.place.octree;
         let inside: [std::ops::Range<i128>; 3] = std::array::from_fn(|a| {
             let end = cells_at(octree, self.root_cells[a]);
             let start = lowest[a] + i128::from(first[a]);
@@ -154,7 +154,7 @@ impl Gatherer<'_> {
     /// beside the domain's border.
     fn fill_void(
         &self,
-        hood: &Hood,
+        neighbours: &Neighbourhood,
         first: [i32; 3],
         around: &mut Around,
         block: &mut Block,
@@ -171,7 +171,7 @@ impl Gatherer<'_> {
                 let distance = step.iter().map(|s| s.unsigned_abs() as usize).sum::<usize>();
                 let neighbour = std::array::from_fn(|a| cell[a] + step[a]);
                 if distance > 0
-                    && let Some(value) = self.kept(hood, neighbour, around)?
+                    && let Some(value) = self.kept(neighbours, neighbour, around)?
                 {
                     sums[distance - 1].0 += 1;
                     sums[distance - 1].1 += value;
@@ -184,14 +184,19 @@ impl Gatherer<'_> {
     }
 
     /// The stored value of a cell that exists, is not dropped and is a number; `cell` counts
-    /// from the lowest cell of the brick at the centre of `hood`.
-    fn kept(&self, hood: &Hood, cell: [i32; 3], around: &mut Around) -> Result<Option<f64>> {
+    /// from the lowest cell of the brick at the centre of `neighbours`.
+    fn kept(
+        &self,
+        neighbours: &Neighbourhood,
+        cell: [i32; 3],
+        around: &mut Around,
+    ) -> Result<Option<f64>> {
         let edge = self.shape.edge() as i32;
         let at = direction(cell.map(|c| c.div_euclid(edge)));
-        let Some(brick) = hood.bricks.get(at).copied().flatten() else { return Ok(None) };
+        let Some(brick) = neighbours.bricks.get(at).copied().flatten() else { return Ok(None) };
         let cells = match &around[at] {
             Some(cells) => cells,
-            None => around[at].insert(self.bricks.get(hood.place.tree_level, brick)?),
+            None => around[at].insert(self.bricks.get(neighbours.place.tree_level, brick)?),
         };
         let local = cell.map(|c| c.rem_euclid(edge) as usize);
         let index = (local[2] * self.shape.edge() + local[1]) * self.shape.edge() + local[0];

@@ -8,16 +8,16 @@ use crate::cache::BrickPlace;
 
 /// A brick with its 26 neighbours of the same level, and its ancestors with theirs.
 #[derive(Debug)]
-pub(super) struct Hood {
+pub(super) struct Neighbourhood {
     /// Level and coordinates of the brick.
     pub(super) place: BrickPlace,
     /// Numbers within the level, by direction (see [`direction`]); none where no brick is.
     pub(super) bricks: [Option<u64>; 27],
     /// The parent with its neighbours; none for the root.
-    pub(super) parent: Option<Arc<Hood>>,
+    pub(super) parent: Option<Arc<Neighbourhood>>,
 }
 
-/// Which of [`Hood::bricks`] lies in direction (dx, dy, dz), each −1, 0 or 1.
+/// Which of [`Neighbourhood::bricks`] lies in direction (dx, dy, dz), each −1, 0 or 1.
 pub(super) fn direction(step: [i32; 3]) -> usize {
     ((step[0] + 1) + 3 * (step[1] + 1) + 9 * (step[2] + 1)).unsigned_abs() as usize
 }
@@ -25,7 +25,7 @@ pub(super) fn direction(step: [i32; 3]) -> usize {
 /// Position of the brick itself among its neighbours.
 pub(super) const CENTRE: usize = 13;
 
-impl Hood {
+impl Neighbourhood {
     /// The root: it has no neighbours.
     fn root(upper: i32) -> Self {
         let mut bricks = [None; 27];
@@ -69,7 +69,7 @@ impl Hood {
 pub(super) struct Walk<'s> {
     store: &'s BrickStore,
     /// Bricks whose children are still to come, with the octants left.
-    pending: Vec<(Arc<Hood>, u8)>,
+    pending: Vec<(Arc<Neighbourhood>, u8)>,
     upper: i32,
     started: bool,
 }
@@ -81,28 +81,28 @@ impl<'s> Walk<'s> {
     }
 
     /// The next brick; none after the last.
-    pub(super) fn next(&mut self) -> Result<Option<Arc<Hood>>> {
+    pub(super) fn next(&mut self) -> Result<Option<Arc<Neighbourhood>>> {
         if !self.started {
             self.started = true;
-            return self.enter(Hood::root(self.upper)).map(Some);
+            return self.enter(Neighbourhood::root(self.upper)).map(Some);
         }
-        while let Some((hood, octants)) = self.pending.last_mut() {
+        while let Some((neighbours, octants)) = self.pending.last_mut() {
             if *octants == 0 {
                 self.pending.pop();
                 continue;
             }
             let octant = octants.trailing_zeros() as u8;
             *octants &= *octants - 1;
-            let child = Arc::clone(hood).child(octant, self.store)?;
+            let child = Arc::clone(neighbours).child(octant, self.store)?;
             return self.enter(child).map(Some);
         }
         Ok(None)
     }
 
-    fn enter(&mut self, hood: Hood) -> Result<Arc<Hood>> {
-        let hood = Arc::new(hood);
-        let topology = self.store.topology(hood.place.tree_level, hood.brick())?;
-        self.pending.push((Arc::clone(&hood), topology.child_mask));
-        Ok(hood)
+    fn enter(&mut self, neighbours: Neighbourhood) -> Result<Arc<Neighbourhood>> {
+        let neighbours = Arc::new(neighbours);
+        let topology = self.store.topology(neighbours.place.tree_level, neighbours.brick())?;
+        self.pending.push((Arc::clone(&neighbours), topology.child_mask));
+        Ok(neighbours)
     }
 }

@@ -10,7 +10,7 @@ use crate::render::brick::scaled::ScaledBrick;
 use crate::render::brick::thin::Thinner;
 use crate::render::camera::rays::PixelGrid;
 use crate::render::film::Film;
-use crate::render::studio::TILE_BYTES;
+use crate::render::renderer::TILE_BYTES;
 use crate::render::tiles::refine::Sheet;
 use crate::render::tiles::tile::Tile;
 use crate::scene::Interpolation;

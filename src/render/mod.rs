@@ -1,7 +1,7 @@
 //! Rendering: the tree of bricks is walked front to back for each tile of the picture, bricks
 //! stream through a pool of fixed size, and rays gather light in them.
 //!
-//! [`render`] is the way in. `memory.rs` divides the limit, and `studio.rs` makes one picture: from
+//! [`render`] is the way in. `memory.rs` divides the limit, and `renderer.rs` makes one picture: from
 //! the scene's tolerance follows what its pixels may be off by, and one walk of the index counts
 //! what it will need. `picture.rs` holds the threads that draw its tiles: each walks the tree for
 //! its rays, a few steps ahead of the march, so that bricks can be read ahead.
@@ -23,8 +23,8 @@ pub(crate) mod memory;
 mod picture;
 mod plan;
 mod probe;
+mod renderer;
 pub mod stats;
-mod studio;
 #[cfg(test)]
 mod testing;
 mod tiles;
@@ -42,8 +42,8 @@ pub use self::memory::MOST_WRITERS;
 use self::memory::MemoryPlan;
 pub use self::plan::cut;
 pub use self::probe::{Found, Probe};
+use self::renderer::Renderer;
 use self::stats::Stats;
-use self::studio::Studio;
 use self::transfer::pieces::TransferPieces;
 use self::transfer::shading::Shading;
 use crate::cache::Cache;
@@ -130,11 +130,11 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     // Where all bricks are to stay, each is there once.
     let rounds = shading.has_all_digits() && !options.resident;
     let (exact, pool) = (&exact, &pool);
-    let studio = Studio { cache, scene, shading, exact, pool, plan, rounds, threads };
+    let renderer = Renderer { cache, scene, shading, exact, pool, plan, rounds, threads };
     let mut samples = vec![0; header.levels.len()];
     let outcome = match options.fixed {
-        Some(fixed) => studio.by_hand(&pixels, &fixed, options, &mut samples)?,
-        None => studio.by_tolerance(&pixels, options, &mut samples)?,
+        Some(fixed) => renderer.by_hand(&pixels, &fixed, options, &mut samples)?,
+        None => renderer.by_tolerance(&pixels, options, &mut samples)?,
     };
     drop(reserved);
     largest_value(&outcome.film)?;

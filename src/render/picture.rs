@@ -15,7 +15,7 @@ use super::march::ray::Light;
 use super::memory::STACK_BYTES;
 use super::plan::cut::{Cut, ErrorCut};
 use super::plan::goal::{Goal, TileError};
-use super::plan::tree_walk::{FieldIndex, Scenery, Step, Walk};
+use super::plan::tree_walk::{FieldIndex, Step, Walk, WalkContext};
 use super::plan::turns::Turns;
 use super::tiles::refine::{Batch, Sheet};
 use super::tiles::tile::{Thinning, Tile};
@@ -33,7 +33,7 @@ pub(super) struct Picture<'r, 's> {
     /// The cache that is drawn.
     pub(super) cache: &'r Cache,
     /// What the tree is walked by.
-    pub(super) scenery: Scenery<'r>,
+    pub(super) context: WalkContext<'r>,
     /// What rays march by.
     pub(super) light: Light<'r>,
     /// How tiles are drawn.
@@ -189,7 +189,7 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
         ahead: ReadAhead<BrickRequest>,
         scratch: BrickScratch,
     ) -> Self {
-        let levels = picture.scenery.header.levels.len();
+        let levels = picture.context.header.levels.len();
         Self {
             picture,
             ahead,
@@ -210,7 +210,7 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
 
     fn draw_tiles(&mut self, wanted: &(dyn Fn(u64) -> bool + Sync)) -> Result<()> {
         let picture = self.picture;
-        let total = picture.scenery.pixels.tiles();
+        let total = picture.context.pixels.tiles();
         let mut sheet = Sheet::default();
         loop {
             let tile = lock(&picture.turns).take();
@@ -230,15 +230,15 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
 
     fn draw_tile(&mut self, tile: u64, sheet: &mut Sheet) -> Result<()> {
         let picture = self.picture;
-        let rect = picture.scenery.pixels.tile(tile);
-        sheet.start(picture.scenery.pixels, rect, &picture.method);
-        while let Some(batch) = sheet.next(picture.scenery.pixels) {
+        let rect = picture.context.pixels.tile(tile);
+        sheet.start(picture.context.pixels, rect, &picture.method);
+        while let Some(batch) = sheet.next(picture.context.pixels) {
             self.draw_batch(rect, &batch)?;
             if picture.is_stopped() {
                 return Ok(());
             }
             let outcome = self.tile.outcome(&picture.light);
-            sheet.judge(picture.scenery.pixels, &batch, outcome);
+            sheet.judge(picture.context.pixels, &batch, outcome);
         }
         let number = usize::try_from(tile).unwrap_or(usize::MAX);
         if let Some(error) = lock(&picture.errors).get_mut(number) {
@@ -251,10 +251,10 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
     fn draw_batch(&mut self, rect: PixelRect, batch: &Batch) -> Result<()> {
         let picture = self.picture;
         let mut index =
-            FieldIndex { cursor: picture.cache.cursor(), field: picture.scenery.shading.field };
+            FieldIndex { cursor: picture.cache.cursor(), field: picture.context.shading.field };
         picture.rays.fetch_add(batch.squares.len() as u64, Ordering::Relaxed);
-        self.tile.start(picture.scenery.pixels, rect, (&batch.squares, batch.has_area));
-        let mut walk = Walk::new(&picture.scenery, &mut index, (), &batch.cut, rect);
+        self.tile.start(picture.context.pixels, rect, (&batch.squares, batch.has_area));
+        let mut walk = Walk::new(&picture.context, &mut index, (), &batch.cut, rect);
         while !picture.is_stopped() {
             self.look_ahead(&mut walk)?;
             let Some(step) = self.queue.pop_front() else { break };
@@ -283,12 +283,12 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
         // The walk has left whatever lies deeper.
         self.pins.release(level + 1);
         if self.tile.needs(&step.pixels, &step.footprint) > 0.0 {
-            let Picture { pool, scenery, light, method, .. } = self.picture;
+            let Picture { pool, context, light, method, .. } = self.picture;
             let brick = self.pins.hold(&step.request, pool, &mut self.scratch)?;
             let drawn = batch.cut.drawn_neighbours(&step.request.place);
             let settings = (method.keeps_accounts(), batch.care, self.picture.thinning(batch));
             self.samples[level] +=
-                self.tile.draw(step, brick, drawn, (light, scenery.pixels), settings);
+                self.tile.draw(step, brick, drawn, (light, context.pixels), settings);
         }
         if step.is_last {
             self.pins.release(level);

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::cpu::timed;
 use super::renderer::{Limits, Renderer};
-use super::scaling_data::{Data, Scenes, Workshop};
+use super::scaling_data::{Data, DataMaker, Scenes};
 use super::scaling_table::{Measured, View, plots, row};
 use super::table::csv;
 use crate::atomic_file;
@@ -82,22 +82,22 @@ fn save(folder: &Path, text: &str, all: &[Measured]) -> Result<()> {
 /// What all data sets share.
 struct Bench<'a> {
     arguments: &'a Arguments,
-    workshop: Workshop,
+    maker: DataMaker,
     renderer: Renderer,
 }
 
 impl<'a> Bench<'a> {
     fn new(arguments: &'a Arguments) -> Result<Self> {
         let Arguments { folder, ingest_memory, limits, .. } = arguments;
-        let workshop = Workshop::new(folder.as_deref(), *ingest_memory, limits.threads)?;
-        Ok(Self { arguments, workshop, renderer: Renderer::new(limits)? })
+        let maker = DataMaker::new(folder.as_deref(), *ingest_memory, limits.threads)?;
+        Ok(Self { arguments, maker, renderer: Renderer::new(limits)? })
     }
 
     /// Ingests a data set and renders all scenes. What was made for it is gone afterwards.
     fn measure(&self, data: &Data) -> Result<Measured> {
-        let prepared = self.workshop.prepare(data)?;
+        let prepared = self.maker.prepare(data)?;
         let scenes = match &self.arguments.scene[..] {
-            [] => Scenes::of(data, &prepared.cache, &self.workshop)?,
+            [] => Scenes::of(data, &prepared.cache, &self.maker)?,
             given => Scenes::given(given),
         };
         let bar = Bar::new("scaling", "pictures");

@@ -55,12 +55,12 @@ pub(super) struct Prepared {
 
 /// Makes data sets and caches.
 #[derive(Debug)]
-pub(super) struct Workshop {
+pub(super) struct DataMaker {
     folder: ScratchFolder,
     options: Vec<String>,
 }
 
-impl Workshop {
+impl DataMaker {
     /// One that ingests within `memory` bytes on `threads` threads, in a folder within `folder`.
     ///
     /// # Errors
@@ -131,8 +131,8 @@ impl Scenes {
     ///
     /// # Errors
     /// A damaged cache, or a folder that takes no files.
-    pub(super) fn of(data: &Data, cache: &Path, workshop: &Workshop) -> Result<Self> {
-        let folder = workshop.folder.path();
+    pub(super) fn of(data: &Data, cache: &Path, maker: &DataMaker) -> Result<Self> {
+        let folder = maker.folder.path();
         if let Data::Given(_) = data {
             let cache = Cache::open(cache, Cursor::WINDOWS)?;
             return Ok(Self::given(&viewpoints::write(&cache, folder)?));

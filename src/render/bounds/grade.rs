@@ -145,17 +145,17 @@ fn next_number() -> u64 {
 /// The groups of a brick, as packets see them. Its memory is reused from brick to brick.
 #[derive(Debug, Default)]
 pub(crate) struct Grades {
-    /// What each group may be off by: `packet::Ground::rates`.
+    /// What each group may be off by: `packet::PacketBrick::rates`.
     pub(crate) rates: Vec<u32>,
-    /// What levels beneath make each group be off by: `packet::Ground::levels`.
+    /// What levels beneath make each group be off by: `packet::PacketBrick::levels`.
     pub(crate) levels: Vec<u32>,
-    /// All that is known of each group: `packet::Ground::rows`.
+    /// All that is known of each group: `packet::PacketBrick::rows`.
     pub(crate) rows: Vec<[f32; 8]>,
     /// Whether rows have what [`Self::look_around`] finds.
     has_near: bool,
-    /// Slopes and ranges of each group: `packet::Ground::reliefs`.
+    /// Slopes and ranges of each group: `packet::PacketBrick::reliefs`.
     pub(crate) reliefs: Vec<[f32; 8]>,
-    /// How far kinks are looked for: `packet::Ground::reach`; set only where rays stand
+    /// How far kinks are looked for: `packet::PacketBrick::reach`; set only where rays stand
     /// for squares.
     pub(crate) reach: f32,
     /// Whether rays of squares wider than a cell may go through.
@@ -164,7 +164,7 @@ pub(crate) struct Grades {
     pub(crate) parts: u32,
     /// What a single cell may be off by ([`Care::share_of_cell`]); 1 where cells are constant.
     pub(crate) share: f64,
-    /// The most that stored values make of x: `packet::Ground::storage`.
+    /// The most that stored values make of x: `packet::PacketBrick::storage`.
     pub(crate) storage: [f32; 2],
     /// Groups that packets march through.
     pub(crate) fit: usize,
@@ -272,7 +272,7 @@ fn larger_halves(a: u32, b: u32) -> u32 {
     (a & !0xffff).max(b & !0xffff) | (a & 0xffff).max(b & 0xffff)
 }
 
-/// A group's entry in `packet::Ground::reliefs`.
+/// A group's entry in `packet::PacketBrick::reliefs`.
 fn row(group: &Group) -> [f32; 8] {
     let ([x, y, z], [p, q, r]) = (group.slope, group.uneven);
     [x, y, z, p, q, r, group.high - group.low, 0.0].map(up)
@@ -346,7 +346,7 @@ impl Grader<'_> {
     }
 }
 
-/// The first numbers of a row of `packet::Ground::rows`, where what values make of x grows
+/// The first numbers of a row of `packet::PacketBrick::rows`, where what values make of x grows
 /// by so much a unit of it in all groups.
 fn stored(group: &Group, slope: f64, table: &TransferTable) -> [f32; 4] {
     let most = group.storage.most();

@@ -5,7 +5,7 @@
 use std::borrow::Cow;
 
 use super::ray_error::Change;
-use super::steepness::{Steepness, Surveyor, Terrain};
+use super::steepness::{GroupSteepness, Steepness, Surveyor};
 use super::storage::Storage;
 use crate::render::brick::scaled::ScaledBrick;
 use crate::render::transfer::pieces::PieceList;
@@ -158,10 +158,10 @@ impl Relief {
         self.groups.reserve_exact(self.side.pow(3));
         self.levels_reach = if distance.residual < FAR { distance.residual } else { 0.0 };
         self.is_rounded = distance.is_rounded;
-        let looker = Looker { brick, pieces, distance };
-        for (at, terrain) in surveyor.look(brick, self.side).iter().enumerate() {
+        let builder = GroupBuilder { brick, pieces, distance };
+        for (at, of_group) in surveyor.look(brick, self.side).iter().enumerate() {
             let group = [at % self.side, at / self.side % self.side, at / self.side.pow(2)];
-            self.groups.push(looker.group(terrain, group.map(|g| g * GROUP_EDGE)));
+            self.groups.push(builder.group(of_group, group.map(|g| g * GROUP_EDGE)));
         }
         self.join(pieces);
     }
@@ -269,21 +269,21 @@ impl Group {
 }
 
 /// What is common to a brick's groups.
-struct Looker<'a> {
+struct GroupBuilder<'a> {
     brick: &'a ScaledBrick,
     pieces: &'a PieceList,
     distance: &'a Distance,
 }
 
-impl Looker<'_> {
-    fn group(&self, terrain: &Terrain, first: [usize; 3]) -> Group {
-        let Steepness { values, slopes } = terrain.steepness;
+impl GroupBuilder<'_> {
+    fn group(&self, of_group: &GroupSteepness, first: [usize; 3]) -> Group {
+        let Steepness { values, slopes } = of_group.steepness;
         let mut group = Group {
             low: values[0],
             high: values[1],
             slope: slopes.map(|[least, most]| least.abs().max(most.abs())),
             uneven: slopes.map(|[least, most]| 0.5 * (most - least)),
-            has_void: terrain.has_void,
+            has_void: of_group.has_void,
             ..Group::default()
         };
         if group.low > group.high {
@@ -294,7 +294,7 @@ impl Looker<'_> {
         let has_children = (residual > 0.0 || fills_void) && self.has_children(first);
         // What lies beneath is off by parts of its own values; averages take part beside borders.
         let beneath = if has_children { residual } else { 0.0 };
-        let holds_averages = terrain.holds_averages || has_children;
+        let holds_averages = of_group.holds_averages || has_children;
         let stored = if holds_averages { storage } else { leaf_storage };
         group.storage = Storage::new(&stored, [group.low, group.high], (beneath, tree));
         if has_children && fills_void {

@@ -18,7 +18,7 @@ pub(super) struct Steepness {
 
 /// What holds for a group of dual cells, or cells.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Terrain {
+pub(super) struct GroupSteepness {
     /// How its values and slopes range.
     pub(super) steepness: Steepness,
     /// Whether part of it is void.
@@ -38,7 +38,7 @@ pub(crate) struct Surveyor {
     windows: Triples,
     shorter: Triples,
     /// What holds for each group, x fastest.
-    terrains: Vec<Terrain>,
+    of_groups: Vec<GroupSteepness>,
     is_mixed: Vec<bool>,
     /// How values of the block in hand range, and their slopes, in each group's windows.
     of_block: Vec<Steepness>,
@@ -75,7 +75,7 @@ impl Surveyor {
     /// Most heap bytes for bricks of `edge` cells.
     pub(crate) fn bytes(edge: usize) -> u64 {
         let (side, groups) = (edge + 2, (edge + 1).div_ceil(GROUP_EDGE));
-        let of_group = size_of::<Terrain>() + size_of::<Steepness>() + 9;
+        let of_group = size_of::<GroupSteepness>() + size_of::<Steepness>() + 9;
         let windows = 2 * 3 * groups.next_power_of_two().max(4) * size_of::<Window>();
         let rows = side * size_of::<[f64; 3]>();
         Ranges::bytes(side)
@@ -85,15 +85,15 @@ impl Surveyor {
     }
 
     /// Looks at the groups of `brick`, which is prepared, x fastest, `side` along each edge.
-    pub(super) fn look(&mut self, brick: &ScaledBrick, side: usize) -> &[Terrain] {
-        self.terrains.clear();
-        self.terrains.reserve_exact(side.pow(3));
+    pub(super) fn look(&mut self, brick: &ScaledBrick, side: usize) -> &[GroupSteepness] {
+        self.of_groups.clear();
+        self.of_groups.reserve_exact(side.pow(3));
         if brick.is_piecewise_constant() {
             self.cells(brick, side);
         } else {
             self.dual_cells(brick, side);
         }
-        &self.terrains
+        &self.of_groups
     }
 
     /// Sets the windows of each of `side` groups, alike along all axes.
@@ -122,16 +122,16 @@ impl Surveyor {
             (first.max(1), (first + GROUP_EDGE + 1).min(edge))
         };
         self.set_windows(along, side);
-        let Self { ranges, flags, windows, terrains, of_block, .. } = self;
+        let Self { ranges, flags, windows, of_groups, of_block, .. } = self;
         of_block.clear();
         of_block.reserve_exact(windows.iter().map(Vec::len).product());
         ranges.find((&block.values, block.side), windows, of_block);
-        terrains.extend(of_block.iter().map(|found| {
+        of_groups.extend(of_block.iter().map(|found| {
             let steepness = Steepness { values: found.values, slopes: [[0.0; 2]; 3] };
             // Cells that have averages have children, which says as much.
-            Terrain { steepness, has_void: false, holds_averages: false }
+            GroupSteepness { steepness, has_void: false, holds_averages: false }
         }));
-        let mut terrain = terrains.iter_mut();
+        let mut of_group = of_groups.iter_mut();
         let area = block.side * block.side;
         flags.fold(
             (block.side, windows),
@@ -142,8 +142,8 @@ impl Surveyor {
                 cells.for_each(|(flag, x)| *flag = u8::from(x.is_nan()));
             },
             |void| {
-                if let Some(terrain) = terrain.next() {
-                    terrain.has_void = void != 0;
+                if let Some(of_group) = of_group.next() {
+                    of_group.has_void = void != 0;
                 }
             },
         );
@@ -159,9 +159,9 @@ impl Surveyor {
         self.steepness(&brick.blocks[0]);
         let plain = |&steepness: &Steepness| {
             let (has_void, holds_averages) = (false, false);
-            Terrain { steepness, has_void, holds_averages }
+            GroupSteepness { steepness, has_void, holds_averages }
         };
-        self.terrains.extend(self.of_block.iter().map(plain));
+        self.of_groups.extend(self.of_block.iter().map(plain));
         let is_leaf = |bits: &u8| *bits == state::EXISTS || *bits == state::OUTSIDE;
         if brick.blocks[0].states.iter().fold(true, |all, bits| all & is_leaf(bits)) {
             return;
@@ -174,13 +174,13 @@ impl Surveyor {
 
     /// Finds where formulas differ, and what is void.
     fn mark(&mut self, brick: &ScaledBrick) {
-        let Self { flags, windows, shorter, terrains, is_mixed, .. } = self;
+        let Self { flags, windows, shorter, of_groups, is_mixed, .. } = self;
         let count = brick.edge + 1;
         is_mixed.clear();
-        is_mixed.reserve_exact(terrains.len());
-        let mut terrain = terrains.iter_mut();
+        is_mixed.reserve_exact(of_groups.len());
+        let mut of_group = of_groups.iter_mut();
         if brick.duals.is_empty() {
-            is_mixed.resize(terrain.len(), false);
+            is_mixed.resize(of_group.len(), false);
         } else {
             flags.fold(
                 (count, shorter),
@@ -195,24 +195,24 @@ impl Surveyor {
                 },
                 |found| {
                     is_mixed.push(found & IS_MIXED != 0);
-                    if let Some(terrain) = terrain.next() {
-                        terrain.has_void = found & IS_VOID != 0;
+                    if let Some(of_group) = of_group.next() {
+                        of_group.has_void = found & IS_VOID != 0;
                     }
                 },
             );
         }
         let block = &brick.blocks[0];
-        let mut marked = terrains.iter_mut().zip(is_mixed.iter());
+        let mut marked = of_groups.iter_mut().zip(is_mixed.iter());
         flags.fold(
             (block.side, windows),
             0,
             |a, b| a | b,
             |z, plane| plane.copy_from_slice(&block.states[z * plane.len()..][..plane.len()]),
             |found| {
-                if let Some((terrain, is_mixed)) = marked.next() {
-                    terrain.has_void |= *is_mixed && found & state::VOID != 0;
+                if let Some((of_group, is_mixed)) = marked.next() {
+                    of_group.has_void |= *is_mixed && found & state::VOID != 0;
                     let averages = state::REFINED | state::VOID;
-                    terrain.holds_averages = *is_mixed || found & averages != 0;
+                    of_group.holds_averages = *is_mixed || found & averages != 0;
                 }
             },
         );
@@ -233,15 +233,15 @@ impl Surveyor {
             }
             self.shorten();
             self.steepness(coarse);
-            let groups = self.terrains.iter_mut().zip(&self.is_mixed);
-            for ((terrain, _), (above, difference)) in groups
+            let groups = self.of_groups.iter_mut().zip(&self.is_mixed);
+            for ((of_group, _), (above, difference)) in groups
                 .zip(self.of_block.iter().zip(&self.differences))
                 .filter(|((_, is_mixed), _)| **is_mixed)
             {
                 // Between the fine cells' centres the coarser values bend once more.
                 let bend = (0..3).map(|a| above.range(a)).sum::<f64>() * 0.25;
-                terrain.steepness.take(above, coarse.scale);
-                terrain.steepness.loosen(2.0 * (difference + bend) * 2.0 * coarse.scale);
+                of_group.steepness.take(above, coarse.scale);
+                of_group.steepness.loosen(2.0 * (difference + bend) * 2.0 * coarse.scale);
             }
         }
     }

@@ -50,7 +50,7 @@ fn above(parents: &Parents<'_>, cell: [usize; 3]) -> f64 {
 }
 
 /// A group of cells, and one more on every side within the brick.
-fn group_of_cells(brick: &ScaledBrick, first: [usize; 3]) -> Terrain {
+fn group_of_cells(brick: &ScaledBrick, first: [usize; 3]) -> GroupSteepness {
     let block = &brick.blocks[0];
     let mut values = [f64::INFINITY, f64::NEG_INFINITY];
     let mut has_void = false;
@@ -61,14 +61,14 @@ fn group_of_cells(brick: &ScaledBrick, first: [usize; 3]) -> Terrain {
         has_void |= x.is_nan();
         values = [values[0].min(x), values[1].max(x)];
     });
-    Terrain {
+    GroupSteepness {
         steepness: Steepness { values, slopes: [[0.0; 2]; 3] },
         has_void,
         holds_averages: false,
     }
 }
 
-fn group(brick: &ScaledBrick, first: [usize; 3]) -> (Terrain, bool) {
+fn group(brick: &ScaledBrick, first: [usize; 3]) -> (GroupSteepness, bool) {
     let lo = first.map(|f| f.saturating_sub(1));
     let duals = first.map(|f| (f + GROUP_EDGE).min(EDGE));
     let mut within = (lo, duals.map(|h| h + 1));
@@ -104,7 +104,7 @@ fn group(brick: &ScaledBrick, first: [usize; 3]) -> (Terrain, bool) {
             found.loosen(2.0 * (difference + bend) * 2.0 * pair[1].scale);
         }
     }
-    (Terrain { steepness: found, has_void, holds_averages }, is_mixed)
+    (GroupSteepness { steepness: found, has_void, holds_averages }, is_mixed)
 }
 
 fn assert_near(a: [f64; 2], b: [f64; 2]) {
@@ -125,7 +125,7 @@ fn brick((level, at): At, void: Option<usize>, interpolation: Interpolation) -> 
     data.brick_of(&raw, (level, at), EDGE as u32, interpolation)
 }
 
-fn assert_alike(found: &Terrain, expected: &Terrain) {
+fn assert_alike(found: &GroupSteepness, expected: &GroupSteepness) {
     assert_eq!(found.has_void, expected.has_void);
     assert_eq!(found.holds_averages, expected.holds_averages);
     assert_near(found.steepness.values, expected.steepness.values);
@@ -147,9 +147,9 @@ fn groups_are_as_they_are_one_by_one() {
             let linear = brick(at, dropped, Interpolation::Linear);
             let found = surveyor.look(&linear, side);
             assert_eq!(found.len(), side.pow(3));
-            for (n, terrain) in found.iter().enumerate() {
+            for (n, of_group) in found.iter().enumerate() {
                 let (expected, is_mixed) = group(&linear, place(n));
-                assert_alike(terrain, &expected);
+                assert_alike(of_group, &expected);
                 mixed[usize::from(is_mixed)] += 1;
                 averages[usize::from(expected.holds_averages)] += 1;
                 void[0][usize::from(expected.has_void)] += 1;
@@ -157,9 +157,9 @@ fn groups_are_as_they_are_one_by_one() {
             let cells = brick(at, dropped, Interpolation::Cell);
             let found = surveyor.look(&cells, side);
             assert_eq!(found.len(), side.pow(3));
-            for (n, terrain) in found.iter().enumerate() {
+            for (n, of_group) in found.iter().enumerate() {
                 let expected = group_of_cells(&cells, place(n));
-                assert_alike(terrain, &expected);
+                assert_alike(of_group, &expected);
                 void[1][usize::from(expected.has_void)] += 1;
             }
         }
@@ -183,7 +183,7 @@ fn a_surveyor_stays_within_its_bytes() {
         + numbers.held()
         + flags.held()
         + triples * size_of::<Window>()
-        + surveyor.terrains.capacity() * size_of::<Terrain>()
+        + surveyor.of_groups.capacity() * size_of::<GroupSteepness>()
         + surveyor.is_mixed.capacity()
         + surveyor.of_block.capacity() * size_of::<Steepness>()
         + (surveyor.differences.capacity() + surveyor.row.capacity()) * size_of::<f64>()

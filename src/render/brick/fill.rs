@@ -5,7 +5,7 @@ use super::blocks::ScaledBlock;
 use crate::cache::visit_outside;
 
 /// The next coarser block.
-pub(super) struct Above<'a> {
+pub(super) struct CoarserBlock<'a> {
     /// The block, all of its cells filled.
     pub(super) block: &'a ScaledBlock,
     /// Index of its first cell among all cells of its level.
@@ -28,7 +28,7 @@ fn parents(side: usize, first: i128, above_first: i128, above_side: usize) -> Ve
 
 /// Fills cells of state 0 in `block`, whose first cell has index `first`: along each axis ¾ of
 /// the parent and ¼ of its neighbour on the cell's side.
-pub(super) fn fill_holes(block: &mut ScaledBlock, first: [i128; 3], above: &Above<'_>) {
+pub(super) fn fill_holes(block: &mut ScaledBlock, first: [i128; 3], above: &CoarserBlock<'_>) {
     if !block.states.contains(&0) {
         return;
     }

@@ -13,14 +13,14 @@ use crate::render::march::ray::{Passage, Region};
 
 /// The smallest box of whole coarser cells that holds all cells that exist, in the brick's cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Core {
+pub(super) struct WholeCells {
     /// Lowest cell along each axis; the brick's edge where no cell exists.
     pub(super) lo: [usize; 3],
     /// One behind the highest cell along each axis; 0 where no cell exists.
     pub(super) hi: [usize; 3],
 }
 
-impl Core {
+impl WholeCells {
     /// The box of a brick of `edge` cells whose own block, ghosts included, is `block`.
     pub(super) fn of(block: &Block, edge: usize) -> Self {
         let mut core = Self { lo: [edge; 3], hi: [0; 3] };
@@ -100,7 +100,11 @@ pub(crate) fn parts<'b>(
 
 /// Cuts a region at the faces of `core`: what lies before the core's part of it, that part, and what
 /// lies behind, farthest first.
-fn cut(region: Region, core: &Core, frame: &Frame) -> (Vec<Region>, Option<Region>, Vec<Region>) {
+fn cut(
+    region: Region,
+    core: &WholeCells,
+    frame: &Frame,
+) -> (Vec<Region>, Option<Region>, Vec<Region>) {
     let (mut before, mut behind) = (Vec::new(), Vec::new());
     let mut rest = region;
     for a in 0..3 {

@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 use proptest::prelude::*;
 
 use super::interpolant::DrawnNeighbours;
-use super::margin::{Core, parts};
+use super::margin::{WholeCells, parts};
 use super::scaled::ScaledBrick;
 use crate::render::camera::frame::{Frame, LocalRay};
 use crate::render::camera::view::View;
@@ -60,7 +60,7 @@ fn a_core_holds_all_cells_that_exist() {
         let brick = data.brick(level, at, EDGE as u32, Interpolation::Linear);
         let exists =
             |cell: &[i128; 3]| data.exists(level, std::array::from_fn(|a| at[a] * EDGE + cell[a]));
-        let mut core = Core { lo: [8; 3], hi: [0; 3] };
+        let mut core = WholeCells { lo: [8; 3], hi: [0; 3] };
         for cell in (0..512).map(|n| [n % 8, n / 8 % 8, n / 64]).filter(exists) {
             let cell = cell.map(|c| c as usize);
             core.lo = std::array::from_fn(|a| core.lo[a].min(cell[a] & !1));

@@ -2,8 +2,8 @@
 
 use super::blocks::{EXISTING, NarrowBlock, ScaledBlock, gather_corners, held};
 use super::cell_shades::CellShades;
-use super::fill::{Above, fill_holes, fill_outside};
-use super::margin::Core;
+use super::fill::{CoarserBlock, fill_holes, fill_outside};
+use super::margin::WholeCells;
 use crate::cache::{Block, BrickPlace, BrickShape, RawBrick, state};
 use crate::lanes::BYTE_PADDING;
 use crate::render::bounds::grade::KeptRates;
@@ -63,7 +63,7 @@ pub struct ScaledBrick {
     is_piecewise_constant: bool,
     /// Where holes do not reach, and the brick as the next coarser level has it, which takes the
     /// rest; its memory is kept where a brick does not need it.
-    core: Option<Core>,
+    core: Option<WholeCells>,
     coarse: Option<Box<Self>>,
 }
 
@@ -130,7 +130,7 @@ impl ScaledBrick {
     /// Sets up the next coarser level where the own one does not fill the brick. Constant cells do
     /// without: they have no borders, and more parts cost packets more than fewer cells gain.
     fn find_margin(&mut self, raw: &RawBrick) {
-        let core = Core::of(&raw.blocks[0], self.edge);
+        let core = WholeCells::of(&raw.blocks[0], self.edge);
         if raw.blocks.len() == 1 || core.is_all(self.edge) {
             return;
         }
@@ -142,7 +142,7 @@ impl ScaledBrick {
 
     /// Where its own level lies, and the brick as the next coarser level has it, to be drawn where
     /// that one does not; none where it lies everywhere.
-    pub(super) fn margin(&self) -> Option<(&Core, &Self)> {
+    pub(super) fn margin(&self) -> Option<(&WholeCells, &Self)> {
         self.core.as_ref().zip(self.coarse.as_deref())
     }
 
@@ -244,7 +244,7 @@ impl ScaledBrick {
                 fill_holes(
                     block,
                     first,
-                    &Above { block: above, first: lowest.map(|c| (c >> shift >> 1) - 1) },
+                    &CoarserBlock { block: above, first: lowest.map(|c| (c >> shift >> 1) - 1) },
                 );
             }
             fill_outside(block);

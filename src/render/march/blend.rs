@@ -33,7 +33,7 @@ pub(super) fn march_mixed(
     drawn: DrawnNeighbours,
     ray: &LocalRay,
     step: &Step,
-    rungs: &mut Vec<Rung>,
+    levels: &mut Vec<BlendLevel>,
     integrator: &mut Integrator<'_>,
 ) {
     let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
@@ -55,7 +55,7 @@ pub(super) fn march_mixed(
         if own.states[own.at(cell.map(|c| c + 1))] & state::VOID == 0 {
             let line = [at(ends[0]), at(ends[1])];
             let length = (ends[1] - ends[0]) * ray.length;
-            Ladder::new((brick, drawn), cell, line, length, rungs).march(integrator);
+            LevelBlend::new((brick, drawn), cell, line, length, levels).march(integrator);
         }
     }
 }
@@ -65,7 +65,7 @@ const KINKS: usize = 24;
 
 /// One level in an octant of a half cell, along the ray's stretch in it.
 #[derive(Clone, Copy)]
-pub(super) struct Rung {
+pub(super) struct BlendLevel {
     /// Which cells exist, as in [`Cube`].
     exists: u8,
     /// Distances from the cell's centre at the stretch's beginning, and how much these grow.
@@ -76,24 +76,24 @@ pub(super) struct Rung {
 }
 
 /// The levels that an octant of a half cell blends, from the finest on.
-struct Ladder<'r> {
-    rungs: &'r [Rung],
+struct LevelBlend<'r> {
+    levels: &'r [BlendLevel],
     /// The stretch's length, code length.
     length: f64,
 }
 
-impl<'r> Ladder<'r> {
-    /// The ladder of the octant of `cell` that holds the stretch from `line[0]` to `line[1]` (local
-    /// cells), `length` code lengths long; in the memory of `rungs`.
+impl<'r> LevelBlend<'r> {
+    /// The blend of the octant of `cell` that holds the stretch from `line[0]` to `line[1]` (local
+    /// cells), `length` code lengths long; in the memory of `levels`.
     fn new(
         (brick, drawn): (&ScaledBrick, DrawnNeighbours),
         cell: [usize; 3],
         line: [[f64; 3]; 2],
         length: f64,
-        rungs: &'r mut Vec<Rung>,
+        levels: &'r mut Vec<BlendLevel>,
     ) -> Self {
         let middle = std::array::from_fn(|a| 0.5 * (line[0][a] + line[1][a]));
-        rungs.clear();
+        levels.clear();
         for up in 0..brick.used {
             let octant = brick.octant(up, cell, middle);
             let cube = brick.cube(&octant, drawn);
@@ -103,13 +103,13 @@ impl<'r> Ladder<'r> {
                 let to = brick.distances(&octant, line[1]);
                 let run = std::array::from_fn(|a| to[a] - from[a]);
                 let Polynomial(cubic) = Polynomial::along_line(&cube.values, from, to);
-                rungs.push(Rung { exists: cube.exists, from, run, cubic });
+                levels.push(BlendLevel { exists: cube.exists, from, run, cubic });
             }
             if is_last {
                 break;
             }
         }
-        Self { rungs, length }
+        Self { levels, length }
     }
 
     fn march(&self, integrator: &mut Integrator<'_>) {
@@ -117,7 +117,7 @@ impl<'r> Ladder<'r> {
         for ends in cuts[..count].windows(2).filter(|ends| ends[0] < ends[1]) {
             let ends = [ends[0], ends[1]];
             // As it is where two levels meet.
-            if self.rungs.len() <= 2 {
+            if self.levels.len() <= 2 {
                 self.march_piece::<5>(ends, integrator);
             } else {
                 self.march_piece::<DEGREES>(ends, integrator);
@@ -135,7 +135,7 @@ impl<'r> Ladder<'r> {
         let mut cuts = [1.0; KINKS + 2];
         cuts[0] = 0.0;
         let mut count = 1;
-        for Rung { from, run, .. } in self.rungs.iter().filter(|rung| rung.is_blended()) {
+        for BlendLevel { from, run, .. } in self.levels.iter().filter(|level| level.is_blended()) {
             for (a, b) in [(0, 1), (1, 2), (2, 0)] {
                 let (before, rise) = (from[a] - from[b], run[a] - run[b]);
                 if before * (before + rise) < 0.0 && count <= KINKS {
@@ -154,18 +154,18 @@ impl<'r> Ladder<'r> {
     /// weight bends: from the coarsest level on, each blended in by its weight.
     fn blended<const N: usize>(&self, ends: [f64; 2]) -> Polynomial<N> {
         let mut sum = [0.0; N];
-        for (number, rung) in self.rungs.iter().enumerate().rev() {
-            if number + 1 == self.rungs.len() {
-                sum[..4].copy_from_slice(&rung.cubic);
+        for (number, level) in self.levels.iter().enumerate().rev() {
+            if number + 1 == self.levels.len() {
+                sum[..4].copy_from_slice(&level.cubic);
             } else {
-                blend_in(&mut sum, &rung.cubic, rung.weight(ends));
+                blend_in(&mut sum, &level.cubic, level.weight(ends));
             }
         }
         Polynomial(sum)
     }
 }
 
-impl Rung {
+impl BlendLevel {
     fn is_blended(&self) -> bool {
         self.exists != Cube::COMPLETE && self.exists & 1 == 1
     }

@@ -3,7 +3,7 @@
 use super::absorb::Integrator;
 use super::ray::{CellRange, Region};
 use super::walk::Walk;
-use crate::render::bounds::ledger::Ledger;
+use crate::render::bounds::brick_account::BrickAccount;
 use crate::render::bounds::touch::Touch;
 use crate::render::brick::blocks::ScaledBlock;
 use crate::render::brick::scaled::ScaledBrick;
@@ -16,13 +16,13 @@ pub(super) fn march_cells(
     ray: &LocalRay,
     span: (f64, f64),
     integrator: &mut Integrator<'_>,
-    ledger: &mut Option<Ledger<'_>>,
+    account: &mut Option<BrickAccount<'_>>,
 ) {
     let block = &brick.blocks[0];
     let CellRange { lo, hi } = CellRange::of(region, 0.0);
     let mut walk = Walk::new(ray, span, 0.0, lo, hi);
-    if let Some(ledger) = ledger {
-        return march_accounted(block, ray, &mut walk, integrator, ledger);
+    if let Some(account) = account {
+        return march_accounted(block, ray, &mut walk, integrator, account);
     }
     // Equal neighbours make one stretch: the closed form is the same and costs once.
     let (mut x, mut from, mut to) = (f64::NAN, span.0, span.0);
@@ -46,22 +46,22 @@ fn march_accounted(
     ray: &LocalRay,
     walk: &mut Walk,
     integrator: &mut Integrator<'_>,
-    ledger: &mut Ledger<'_>,
+    account: &mut BrickAccount<'_>,
 ) {
     while let Some(step) = walk.next() {
         if integrator.is_faded() {
             break;
         }
-        ledger.enter(step.cell, integrator);
+        account.enter(step.cell, integrator);
         let length = (step.to - step.from) * ray.length;
-        if ledger.is_spread() {
-            let touching = Touch::new(ray, &step, 0.0, ledger.spread()).faces() * length;
+        if account.is_spread() {
+            let touching = Touch::new(ray, &step, 0.0, account.spread()).faces() * length;
             let transmittance = integrator.state.transmittance;
-            ledger.touch(touching, length, transmittance);
+            account.touch(touching, length, transmittance);
         }
         add(integrator, block.values[block.at(step.cell.map(|c| c as usize + 1))], length);
     }
-    ledger.close(integrator);
+    account.close(integrator);
 }
 
 #[inline]

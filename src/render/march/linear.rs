@@ -2,11 +2,11 @@
 //! ray, or a few polynomials beside borders of levels.
 
 use super::absorb::Integrator;
-use super::blend::{Rung, march_mixed};
+use super::blend::{BlendLevel, march_mixed};
 use super::polynomial::Polynomial;
 use super::ray::{CellRange, DUAL_SHIFT, Passage, Region};
 use super::walk::{Step, Walk};
-use crate::render::bounds::ledger::Ledger;
+use crate::render::bounds::brick_account::BrickAccount;
 use crate::render::bounds::touch::Touch;
 use crate::render::brick::interpolant::DrawnNeighbours;
 use crate::render::brick::scaled::{ScaledBrick, dual};
@@ -19,19 +19,19 @@ pub(super) fn march_linear(
     ray: &LocalRay,
     span: (f64, f64),
     integrator: &mut Integrator<'_>,
-    ledger: &mut Option<Ledger<'_>>,
+    account: &mut Option<BrickAccount<'_>>,
 ) {
     let range = CellRange::of(region, DUAL_SHIFT);
     let mut walk = Walk::new(ray, span, DUAL_SHIFT, range.lo, range.hi);
-    let mut rungs = Vec::new();
+    let mut levels = Vec::new();
     while let Some(step) = walk.next() {
         if integrator.is_faded() {
             break;
         }
-        pass_dual_cell((brick, drawn, &range), ray, &step, &mut rungs, integrator, ledger);
+        pass_dual_cell((brick, drawn, &range), ray, &step, &mut levels, integrator, account);
     }
-    if let Some(ledger) = ledger {
-        ledger.close(integrator);
+    if let Some(account) = account {
+        account.close(integrator);
     }
 }
 
@@ -41,29 +41,29 @@ pub(super) fn pass_dual_cell(
     (brick, drawn, range): (&ScaledBrick, DrawnNeighbours, &CellRange),
     ray: &LocalRay,
     step: &Step,
-    rungs: &mut Vec<Rung>,
+    levels: &mut Vec<BlendLevel>,
     integrator: &mut Integrator<'_>,
-    ledger: &mut Option<Ledger<'_>>,
+    account: &mut Option<BrickAccount<'_>>,
 ) {
     let kind = kind(brick, step.cell, drawn);
-    if let Some(ledger) = ledger {
-        ledger.enter(step.cell, integrator);
+    if let Some(account) = account {
+        account.enter(step.cell, integrator);
     }
     match kind {
         dual::PLAIN => march_plain(brick, ray, step, integrator),
-        dual::MIXED | dual::BLENDED => march_mixed(brick, drawn, ray, step, rungs, integrator),
+        dual::MIXED | dual::BLENDED => march_mixed(brick, drawn, ray, step, levels, integrator),
         _ => {}
     }
-    if let Some(ledger) = ledger
-        && ledger.is_spread()
+    if let Some(account) = account
+        && account.is_spread()
     {
-        let touch = Touch::new(ray, step, DUAL_SHIFT, ledger.spread());
-        let (touching, beyond) = if ledger.is_wide() {
+        let touch = Touch::new(ray, step, DUAL_SHIFT, account.spread());
+        let (touching, beyond) = if account.is_wide() {
             (1.0, [0.0; 3])
         } else {
             (touching(&touch, (brick, range), step, kind), beyond(&touch))
         };
-        ledger.leave(touching, beyond, integrator);
+        account.leave(touching, beyond, integrator);
     }
 }
 

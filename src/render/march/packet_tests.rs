@@ -3,7 +3,7 @@
 use glam::DVec3;
 use proptest::prelude::*;
 
-use super::packets::{Accounts, Packets, Passenger, Rays};
+use super::packets::{Accounts, Packets, Rays, TileRay};
 use super::ray::{Beam, Light, Passage, Region, march};
 use super::ray_state::{Ending, RayState};
 use super::ray_tests::{shells, smooth, steps, transfer};
@@ -96,8 +96,8 @@ impl<'s> Setting<'s> {
         let mut samples = 0;
         if is_fit {
             let mut film = Rays { states: &mut states, errors: &mut errors };
-            let passenger = |(index, &ray)| Passenger { index, ray };
-            let rays: Vec<_> = rays.iter().enumerate().map(passenger).collect();
+            let tile_ray = |(index, &ray)| TileRay { index, ray };
+            let rays: Vec<_> = rays.iter().enumerate().map(tile_ray).collect();
             let rays = (&rays[..], accounts);
             samples += packets.march(&self.passage, &self.light, rays, &mut film);
         }

@@ -1,13 +1,13 @@
 //! Rays of a tile through a brick: in packets where its cells are fit for that, one by one where
 //! they are not.
 
-mod cabin;
 mod cell_walk;
-mod seats;
+mod lane_rays;
+mod ray_packet;
 
-use self::cabin::Cabin;
+use self::ray_packet::RayPacket;
 use super::linear::kind;
-use super::packet::{Ground, MOST_PARENTS, Parents, UNFIT};
+use super::packet::{MOST_PARENTS, PacketBrick, Parents, UNFIT};
 use super::ray::{Beam, CellRange, DUAL_SHIFT, Light, Passage, Region};
 use super::ray_state::RayState;
 use crate::cache::BrickShape;
@@ -29,14 +29,14 @@ pub(crate) struct Packets {
     width: Width,
     grades: Grades,
     kinds: Vec<u8>,
-    /// Sums of the table's kinks at the brick's smallest and largest value, for [`Ground::kinks`].
+    /// Sums of the table's kinks at the brick's smallest and largest value, for [`PacketBrick::kinks`].
     bends: [[f32; 4]; 2],
-    cabin: Cabin,
+    ray_packet: RayPacket,
 }
 
 /// A ray that is to be marched, and its number in its tile.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Passenger {
+pub(crate) struct TileRay {
     /// The ray's number in its tile.
     pub(crate) index: usize,
     /// The ray in the brick's coordinates.
@@ -122,7 +122,7 @@ impl Packets {
         let known = (2 * size_of::<u32>() + 2 * size_of::<[f32; 8]>()) * (groups.pow(3) + 1)
             + duals.pow(3)
             + BYTE_PADDING;
-        (2 * known + size_of::<Packets>() + Cabin::bytes()) as u64
+        (2 * known + size_of::<Packets>() + RayPacket::bytes()) as u64
     }
 
     /// A packet of the widest lanes that this processor has.
@@ -137,7 +137,7 @@ impl Packets {
             grades: Grades::default(),
             kinds: Vec::new(),
             bends: [[0.0; 4]; 2],
-            cabin: Cabin::new(),
+            ray_packet: RayPacket::new(),
         }
     }
 
@@ -195,7 +195,7 @@ impl Packets {
         &mut self,
         passage: &Passage<'_>,
         light: &Light<'_>,
-        (rays, accounts): (&[Passenger], Accounts<'_>),
+        (rays, accounts): (&[TileRay], Accounts<'_>),
         film: &mut Rays<'_>,
     ) -> u64 {
         let Some(transfer) = &light.packets else { return 0 };
@@ -222,7 +222,7 @@ impl Packets {
             self.grades.look_around(passage.brick.relief.side());
         }
         let kinds = if self.kinds.is_empty() { &passage.brick.duals } else { &self.kinds };
-        let ground = Ground {
+        let brick = PacketBrick {
             values: &passage.brick.narrow[0].values,
             side: passage.brick.edge + if are_constant { 0 } else { 2 },
             kinds,
@@ -246,13 +246,13 @@ impl Packets {
             parts: self.grades.parts,
             darkening: transfer.darkening(),
         };
-        let all_plain = kinds.is_empty() && self.grades.fit == ground.rates.len();
-        let ground = (&ground, self.width, all_plain);
+        let all_plain = kinds.is_empty() && self.grades.fit == brick.rates.len();
+        let brick = (&brick, self.width, all_plain);
         let mut samples = 0;
         for first in (0..rays.len()).step_by(self.width.count()) {
             let some = first..(first + self.width.count()).min(rays.len());
-            let riders = (&rays[some.clone()], accounts.among(some));
-            samples += self.cabin.travel(&place, ground, riders, film);
+            let some = (&rays[some.clone()], accounts.among(some));
+            samples += self.ray_packet.travel(&place, brick, some, film);
         }
         samples
     }
@@ -276,7 +276,7 @@ fn lanes(mask: u32) -> impl Iterator<Item = usize> {
     (0..MOST_LANES).filter(move |lane| mask >> lane & 1 == 1)
 }
 
-impl Ground<'_> {
+impl PacketBrick<'_> {
     /// Whether packets may pass a cell: as a plain one (`false`) or a blended one.
     fn fit(&self, cell: [i32; 3]) -> Option<bool> {
         let [x, y, z] = cell.map(|c| c as usize);

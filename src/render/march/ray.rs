@@ -5,8 +5,8 @@ use super::cell::march_cells;
 use super::linear::march_linear;
 use super::ray_state::{Ending, RayState};
 use super::walk::clip;
+use crate::render::bounds::brick_account::{BrickAccount, DomainEnd};
 use crate::render::bounds::grade::PacketTransfer;
-use crate::render::bounds::ledger::{DomainEnd, Ledger};
 use crate::render::bounds::ray_error::RayError;
 use crate::render::brick::interpolant::DrawnNeighbours;
 use crate::render::brick::scaled::ScaledBrick;
@@ -146,15 +146,15 @@ pub(crate) fn march(
     let region = passage.inside();
     let span = clip(ray, region.lo, region.hi);
     let Some((error, beam)) = account.filter(|_| !passage.brick.relief.is_empty()) else {
-        let ledger = &mut None;
-        return span.map_or(0, |span| march_through(passage, (ray, span), light, state, ledger));
+        let account = &mut None;
+        return span.map_or(0, |span| march_through(passage, (ray, span), light, state, account));
     };
     let before = *error;
     let spread = arrive(passage, ray, (&region, span), beam, (state, error));
     let mut count = 0;
     if let Some(span) = span {
-        let ledger = Ledger::new(&passage.brick.relief, error, passage.hides, spread);
-        count = march_through(passage, (ray, span), light, state, &mut Some(ledger));
+        let account = BrickAccount::new(&passage.brick.relief, error, passage.hides, spread);
+        count = march_through(passage, (ray, span), light, state, &mut Some(account));
     }
     leave(span, beam, state, (error, &before));
     count
@@ -165,14 +165,14 @@ fn march_through(
     (ray, span): (&LocalRay, (f64, f64)),
     light: &Light<'_>,
     state: &mut RayState,
-    ledger: &mut Option<Ledger<'_>>,
+    account: &mut Option<BrickAccount<'_>>,
 ) -> u64 {
-    let mut integrator = Integrator::new(light.pieces, &light.ending, ledger.is_some(), state);
+    let mut integrator = Integrator::new(light.pieces, &light.ending, account.is_some(), state);
     let region = passage.inside();
     if passage.brick.is_piecewise_constant() {
-        march_cells(passage.brick, &region, ray, span, &mut integrator, ledger);
+        march_cells(passage.brick, &region, ray, span, &mut integrator, account);
     } else {
-        march_linear(passage, &region, ray, span, &mut integrator, ledger);
+        march_linear(passage, &region, ray, span, &mut integrator, account);
     }
     integrator.count
 }
@@ -190,8 +190,8 @@ pub(super) fn arrive(
     if !beam.is_square() {
         return spread;
     }
-    let mut ledger = Ledger::new(&passage.brick.relief, error, passage.hides, spread);
-    look_beside(&mut ledger, ray, region, beam, span, state);
+    let mut account = BrickAccount::new(&passage.brick.relief, error, passage.hides, spread);
+    look_beside(&mut account, ray, region, beam, span, state);
     spread
 }
 
@@ -257,14 +257,14 @@ const MOST_PARTS: f64 = 64.0;
 /// What rays of the square meet of the region where this one is outside, and what they miss
 /// where it is inside and the domain ends.
 fn look_beside(
-    ledger: &mut Ledger<'_>,
+    account: &mut BrickAccount<'_>,
     ray: &LocalRay,
     region: &Region,
     beam: &Beam,
     span: Option<(f64, f64)>,
     state: &RayState,
 ) {
-    let spread = ledger.spread();
+    let spread = account.spread();
     let moved = |faces: u8, by: f64| -> ([f64; 3], [f64; 3]) {
         let off = |face: usize, a: usize| if faces >> face & 1 == 1 { by * spread[a] } else { 0.0 };
         (
@@ -296,14 +296,14 @@ fn look_beside(
         let ways = [(wide.0, from, kept.0), (kept.1, to, wide.1)];
         for ((first, face, last), end) in ways.into_iter().zip(&mut domain_ends) {
             let way = (face - first).max(last - face);
-            *end = cross_face(ledger, ray, (beam, before(face)), (way, face), *end);
+            *end = cross_face(account, ray, (beam, before(face)), (way, face), *end);
         }
     }
     for (ends, end) in [(wide.0, from), (to, wide.1)].into_iter().zip(domain_ends) {
         each_part(ray, region, ends, |point, (from, to), half| {
-            let group = ledger.group_near(point, half);
+            let group = account.group_near(point, half);
             let part = (counted * (to - from) * ray.length, before(from));
-            ledger.beside(&group, part, share, end);
+            account.beside(&group, part, share, end);
         });
     }
     if region.ends == 0 || span.is_none() {
@@ -312,8 +312,8 @@ fn look_beside(
     let share = (0.5 * f64::from(region.ends.count_ones())).min(1.0);
     for (ends, end) in [(from, kept.0), (kept.1, to)].into_iter().zip(domain_ends) {
         each_part(ray, region, ends, |point, (from, to), half| {
-            let group = ledger.group_near(point, half);
-            ledger.domain_ends(&group, ((to - from) * ray.length, before(from)), share, end);
+            let group = account.group_near(point, half);
+            account.domain_ends(&group, ((to - from) * ray.length, before(from)), share, end);
         });
     }
 }
@@ -328,9 +328,9 @@ const MOST_SLANT: f64 = 0.5;
 ///
 /// The distance to a plane along a unit vector u is h/(u·n). Where it is s for the centre's, and η the
 /// largest relative change of u·n in first order, its mean is s but for (α²/6 + α·η/3 + η²/3(1 − η))·s,
-/// α half the square's diagonal as an angle. (The middle term counts as the bend of [`Ledger`]'s faces.)
+/// α half the square's diagonal as an angle. (The middle term counts as the bend of [`BrickAccount`]'s faces.)
 fn cross_face(
-    ledger: &mut Ledger<'_>,
+    account: &mut BrickAccount<'_>,
     ray: &LocalRay,
     (beam, transmittance): (&Beam, f64),
     (way, face): (f64, f64),
@@ -346,8 +346,8 @@ fn cross_face(
     }
     let bend = 0.25 * beam.angle * beam.angle + slant * slant / (3.0 * (1.0 - slant));
     let half = way * ray.direction.abs().max_element();
-    let group = ledger.group_near((ray.origin + ray.direction * face).into(), half);
-    ledger.bend_at_face(&group, bend * distance * ray.length, transmittance);
+    let group = account.group_near((ray.origin + ray.direction * face).into(), half);
+    account.bend_at_face(&group, bend * distance * ray.length, transmittance);
     end
 }
 

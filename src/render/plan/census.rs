@@ -2,7 +2,7 @@
 
 /// What becomes of a brick, or of a subtree of them, in a walk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Fate {
+pub(crate) enum BrickFate {
     /// Its subtree is beside the window or behind the eye.
     OutOfView,
     /// Nothing in it emits or absorbs.
@@ -20,40 +20,40 @@ pub(crate) enum Fate {
 /// Hears what becomes of bricks.
 pub(crate) trait Tally {
     /// `bricks` bricks have met this fate.
-    fn count(&mut self, fate: Fate, bricks: u64);
+    fn count(&mut self, fate: BrickFate, bricks: u64);
 }
 
 /// For those who do not want to know.
 impl Tally for () {
-    fn count(&mut self, _: Fate, _: u64) {}
+    fn count(&mut self, _: BrickFate, _: u64) {}
 }
 
 /// How many bricks met which fate.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct Census {
-    /// [`Fate::OutOfView`].
+    /// [`BrickFate::OutOfView`].
     pub out_of_view: u64,
-    /// [`Fate::Transparent`].
+    /// [`BrickFate::Transparent`].
     pub transparent: u64,
-    /// [`Fate::Coarser`].
+    /// [`BrickFate::Coarser`].
     pub coarser: u64,
-    /// [`Fate::Covered`].
+    /// [`BrickFate::Covered`].
     pub covered: u64,
-    /// [`Fate::Hidden`].
+    /// [`BrickFate::Hidden`].
     pub hidden: u64,
-    /// [`Fate::Drawn`].
+    /// [`BrickFate::Drawn`].
     pub drawn: u64,
 }
 
 impl Tally for Census {
-    fn count(&mut self, fate: Fate, bricks: u64) {
+    fn count(&mut self, fate: BrickFate, bricks: u64) {
         let counter = match fate {
-            Fate::OutOfView => &mut self.out_of_view,
-            Fate::Transparent => &mut self.transparent,
-            Fate::Coarser => &mut self.coarser,
-            Fate::Covered => &mut self.covered,
-            Fate::Hidden => &mut self.hidden,
-            Fate::Drawn => &mut self.drawn,
+            BrickFate::OutOfView => &mut self.out_of_view,
+            BrickFate::Transparent => &mut self.transparent,
+            BrickFate::Coarser => &mut self.coarser,
+            BrickFate::Covered => &mut self.covered,
+            BrickFate::Hidden => &mut self.hidden,
+            BrickFate::Drawn => &mut self.drawn,
         };
         *counter = counter.saturating_add(bricks);
     }

@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use super::census::{Fate, Tally};
+use super::census::{BrickFate, Tally};
 use super::cut::{Cut, ErrorCut};
 use crate::cache::{BrickPlace, Cursor, FieldRecord, Header, NodeRecord, Precision};
 use crate::render::bounds::relief::Distance;
@@ -42,7 +42,7 @@ impl Index for FieldIndex<'_> {
 }
 
 /// What all walks of a picture share.
-pub(crate) struct Scenery<'r> {
+pub(crate) struct WalkContext<'r> {
     /// The tree's levels, its brick shape and domain.
     pub header: &'r Header,
     /// The camera.
@@ -87,14 +87,14 @@ struct Open {
     /// Octant `n ^ order` is the n-th from the eye.
     order: u8,
     next: u8,
-    fate: Fate,
+    fate: BrickFate,
 }
 
 /// A walk through the window of pixels `window`, depth first and front to back. Memory grows with
 /// the depth only. The tally hears of every brick in the tree once, on its own or as one of a
 /// subtree.
 pub(crate) struct Walk<'r, I, T> {
-    scenery: &'r Scenery<'r>,
+    context: &'r WalkContext<'r>,
     index: &'r mut I,
     tally: T,
     cut: &'r Cut,
@@ -106,13 +106,13 @@ pub(crate) struct Walk<'r, I, T> {
 impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
     /// A walk that begins at the root.
     pub(crate) fn new(
-        scenery: &'r Scenery<'r>,
+        context: &'r WalkContext<'r>,
         index: &'r mut I,
         tally: T,
         cut: &'r Cut,
         window: PixelRect,
     ) -> Self {
-        Self { scenery, index, tally, cut, window, stack: Vec::new(), is_started: false }
+        Self { context, index, tally, cut, window, stack: Vec::new(), is_started: false }
     }
 
     /// The next piece. What lies wholly behind rays that need nothing more is left out, and what
@@ -127,7 +127,7 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
     ) -> Result<Option<Step>> {
         if !self.is_started {
             self.is_started = true;
-            let root = self.scenery.header.levels.first().map_or(0, |level| level.octree);
+            let root = self.context.header.levels.first().map_or(0, |level| level.octree);
             let place = BrickPlace { tree_level: 0, octree: root, coordinates: [0; 3] };
             if let Some(step) = self.visit(0, place, &needed)? {
                 return Ok(Some(step));
@@ -169,7 +169,7 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         place: BrickPlace,
         needed: &impl Fn(&PixelRect, &Footprint) -> f64,
     ) -> Result<Option<Step>> {
-        if place.tree_level >= self.scenery.header.levels.len() {
+        if place.tree_level >= self.context.header.levels.len() {
             return Err(Error::invalid(
                 format!("brick {node} of the cache"),
                 "it lies deeper than the tree has levels; ingest the data again",
@@ -177,32 +177,32 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         }
         let (record, field) = self.index.records(node)?;
         let subtree = record.descendants.saturating_add(1);
-        let scenery = self.scenery;
-        let frame = scenery.frame(&place, None);
-        let edge = scenery.header.shape.edge() as f64;
+        let context = self.context;
+        let frame = context.frame(&place, None);
+        let edge = context.header.shape.edge() as f64;
         let footprint = frame.footprint(DVec3::ZERO, DVec3::splat(edge));
-        let all = footprint.map_or(PixelRect::NONE, |footprint| scenery.pixels.seen(&footprint));
+        let all = footprint.map_or(PixelRect::NONE, |footprint| context.pixels.seen(&footprint));
         let pixels = all.intersection(&self.window);
         let Some(footprint) = footprint.filter(|_| !pixels.is_empty()) else {
-            self.tally.count(Fate::OutOfView, subtree);
+            self.tally.count(BrickFate::OutOfView, subtree);
             return Ok(None);
         };
-        if scenery.is_transparent(&field, false) {
-            self.tally.count(Fate::Transparent, subtree);
+        if context.is_transparent(&field, false) {
+            self.tally.count(BrickFate::Transparent, subtree);
             return Ok(None);
         }
         let transmittance = needed(&pixels, &footprint);
         if transmittance == 0.0 {
-            self.tally.count(Fate::Hidden, subtree);
+            self.tally.count(BrickFate::Hidden, subtree);
             return Ok(None);
         }
-        let last_tile = scenery.pixels.last_tile(&all);
+        let last_tile = context.pixels.last_tile(&all);
         let seen = Seen { frame, pixels, footprint };
         let precision = Precision::Full;
         let request = BrickRequest { node, place, record, field, last_tile, precision };
         let opens = record.child_mask != 0 && self.opens(&request, &seen, transmittance);
         if !opens {
-            self.tally.count(Fate::Coarser, record.descendants);
+            self.tally.count(BrickFate::Coarser, record.descendants);
             return Ok(self.draw_whole(request, &seen));
         }
         self.open(request, &seen, record.child_mask);
@@ -213,17 +213,21 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         match self.cut {
             Cut::FullDepth => true,
             Cut::Footprint(cut) => cut.opens(&request.place),
-            Cut::Error(cut) => transmittance * self.scenery.error(request, seen, cut) > cut.limit,
+            Cut::Error(cut) => transmittance * self.context.error(request, seen, cut) > cut.limit,
         }
     }
 
     fn draw_whole(&mut self, request: BrickRequest, seen: &Seen) -> Option<Step> {
-        let region = self.scenery.region(&request.place, None);
+        let region = self.context.region(&request.place, None);
         let hides = request.record.child_mask != 0;
         // What is transparent itself need not be so beneath, and is counted as an error then.
         let counts = hides && matches!(self.cut, Cut::Error(_));
-        let is_transparent = !counts && self.scenery.is_transparent(&request.field, true);
-        let fate = if is_transparent || region.is_none() { Fate::Transparent } else { Fate::Drawn };
+        let is_transparent = !counts && self.context.is_transparent(&request.field, true);
+        let fate = if is_transparent || region.is_none() {
+            BrickFate::Transparent
+        } else {
+            BrickFate::Drawn
+        };
         self.tally.count(fate, 1);
         let region = region.filter(|_| !is_transparent)?;
         let request = self.with_digits(request, seen);
@@ -233,20 +237,21 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
 
     /// A request for as many digits as a brick that is drawn needs.
     fn with_digits(&self, request: BrickRequest, seen: &Seen) -> BrickRequest {
-        let precision = self.scenery.precision(&request.field, seen, self.cut);
+        let precision = self.context.precision(&request.field, seen, self.cut);
         BrickRequest { precision, ..request }
     }
 
     fn open(&mut self, request: BrickRequest, seen: &Seen, opened: u8) {
-        let scenery = self.scenery;
-        let is_transparent = scenery.is_transparent(&request.field, true);
+        let context = self.context;
+        let is_transparent = context.is_transparent(&request.field, true);
         let has_own = |octant: u8| {
-            opened >> octant & 1 == 0 && scenery.region(&request.place, Some(octant)).is_some()
+            opened >> octant & 1 == 0 && context.region(&request.place, Some(octant)).is_some()
         };
         let own =
             (0..8).filter(|&octant| has_own(octant)).fold(0, |mask, octant| mask | 1 << octant);
-        let order = scenery.view.octant_order(&scenery.corner(&request.place, 0b111));
-        let fate = if own != 0 && is_transparent { Fate::Transparent } else { Fate::Covered };
+        let order = context.view.octant_order(&context.corner(&request.place, 0b111));
+        let fate =
+            if own != 0 && is_transparent { BrickFate::Transparent } else { BrickFate::Covered };
         let own = if is_transparent { 0 } else { own };
         let request = if own == 0 { request } else { self.with_digits(request, seen) };
         let frame = seen.frame;
@@ -259,17 +264,17 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         octant: u8,
         needed: &impl Fn(&PixelRect, &Footprint) -> f64,
     ) -> Option<Step> {
-        let half = self.scenery.header.shape.edge() as f64 / 2.0;
+        let half = self.context.header.shape.edge() as f64 / 2.0;
         let place = self.stack.last()?.request.place;
-        let frame = self.scenery.frame(&place, Some(octant));
+        let frame = self.context.frame(&place, Some(octant));
         let footprint = frame.footprint(DVec3::ZERO, DVec3::splat(half))?;
         let pixels = self.pixels_of(&footprint);
         if pixels.is_empty() {
             return None;
         }
-        let region = self.scenery.region(&place, Some(octant))?;
+        let region = self.context.region(&place, Some(octant))?;
         let open = self.stack.last_mut()?;
-        open.fate = Fate::Drawn;
+        open.fate = BrickFate::Drawn;
         let is_last = (open.next..8).all(|n| open.own >> (n ^ open.order) & 1 == 0);
         let (request, frame) = (open.request, open.frame);
         let step = Step { request, frame, region, pixels, footprint, hides: false, is_last };
@@ -277,7 +282,7 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
     }
 
     fn pixels_of(&self, footprint: &Footprint) -> PixelRect {
-        self.scenery.pixels.seen(footprint).intersection(&self.window)
+        self.context.pixels.seen(footprint).intersection(&self.window)
     }
 }
 
@@ -288,7 +293,7 @@ struct Seen {
     footprint: Footprint,
 }
 
-impl Scenery<'_> {
+impl WalkContext<'_> {
     /// Whether the brick itself (`own`), or all from it down, emits and absorbs nothing.
     fn is_transparent(&self, field: &FieldRecord, own: bool) -> bool {
         let range = if own { field.own } else { field.tree };

@@ -32,7 +32,7 @@ impl Tree {
         let pixels = PixelGrid::new(&view, scene.render.samples);
         let shading = Shading::new(&scene.volume, scene.render.interpolation, &header).unwrap();
         let transfer = TransferPieces::new(&shading.transfer, |_| 0.0);
-        let scenery = Scenery {
+        let context = WalkContext {
             rounds: true,
             header: &header,
             view: &view,
@@ -42,7 +42,7 @@ impl Tree {
         };
         let mut index = self.clone();
         let window = window.unwrap_or(pixels.whole());
-        let mut walk = Walk::new(&scenery, &mut index, Census::default(), cut, window);
+        let mut walk = Walk::new(&context, &mut index, Census::default(), cut, window);
         while let Some(step) = walk.next(|rays, _| needed(rays)).unwrap() {
             hear(step);
         }

@@ -282,13 +282,14 @@ fn neighbours_are_not_asked_where_more_may_shine_than_is_known_of() {
 #[test]
 fn pixels_of_small_pictures_take_more_rays_whatever_these_tell() {
     // Spots of a seventh of a pixel's width in the dark, one of them in the tile's last pixel.
-    let spots = [[3.12, 2.31], [8.19, 6.81], [6.69, 0.08]];
+    let lights = [[3.12, 2.31], [8.19, 6.81], [6.69, 0.08]];
     let is_in = |[x, y]: [f64; 2], [a, b]: [f64; 2]| (x - a).abs().max((y - b).abs()) < 0.07;
-    let light = |at: [f64; 2]| f64::from(u8::from(spots.iter().any(|spot| is_in(at, *spot))));
+    let light =
+        |at: [f64; 2]| f64::from(u8::from(lights.iter().any(|light_of| is_in(at, *light_of))));
     let goal = Goal { least_halvings: 3, ..likely(false) };
     let (rays, _) = draw_light(([9, 7], goal), light, hopeless, |x, y, pixel| {
-        let is_here = |spot: &[f64; 2]| spot.map(|c| c as usize) == [x, y];
-        let mean = if spots.iter().any(is_here) { 0.14 * 0.14 } else { 0.0 };
+        let is_here = |light_of: &[f64; 2]| light_of.map(|c| c as usize) == [x, y];
+        let mean = if lights.iter().any(is_here) { 0.14 * 0.14 } else { 0.0 };
         let off = (pixel.value[0] - mean).abs();
         assert!(off <= TOLERANCE, "{off} at {x}, {y}");
     });
@@ -345,7 +346,7 @@ fn what_is_alike_in_all_pixels_is_seen_by_witnesses() {
 
 #[test]
 fn what_is_small_and_shines_is_not_lost_between_rays() {
-    // A spot of a thousandth of a pixel, as bright as a pixel all of it; squares know that it is
+    // A light_of of a thousandth of a pixel, as bright as a pixel all of it; squares know that it is
     // near. The rows above are rough, so that all rays for themselves are spent there.
     let (at, radius) = ([4.813, 13.377], 1e-3_f64);
     let brightness = (std::f64::consts::TAU * radius * radius).recip();

@@ -28,7 +28,7 @@ use crate::render::camera::frame::{Footprint, Frame, LocalRay};
 use crate::render::camera::pixel_order::PixelOrder;
 use crate::render::camera::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square, TILE_SIDE};
 use crate::render::camera::view::Aim;
-use crate::render::march::packets::{Accounts, Packets, Passenger, Rays};
+use crate::render::march::packets::{Accounts, Packets, Rays, TileRay};
 use crate::render::march::ray::{Beam, Light, Passage, march};
 use crate::render::march::ray_state::RayState;
 use crate::render::plan::tree_walk::Step;
@@ -40,7 +40,7 @@ const FEW_RAYS: usize = 64;
 /// Groups of a brick's cells that are looked at for packets in the time that a single ray takes.
 const GROUPS_PER_RAY: usize = 16;
 /// Rays that set off together: whole packets.
-const MOST_BOARDING: usize = 2 * MOST_LANES;
+const MOST_ENTERING: usize = 2 * MOST_LANES;
 
 /// Up to [`BATCH_RAYS`] rays through pixels of one rectangle. The memory is reused from batch to
 /// batch.
@@ -65,7 +65,7 @@ pub(crate) struct Tile {
     starts: Vec<u16>,
     packets: Packets,
     /// Rays for the next packets, and the squares that they stand for, if they do.
-    boarding: Vec<Passenger>,
+    entering: Vec<TileRay>,
     beams: Vec<Beam>,
     thinner: Thinner,
     proxies: Proxies,
@@ -107,7 +107,7 @@ impl Tile {
             + size_of::<RayState>()
             + size_of::<RayError>()
             + 4;
-        let of_boarding = size_of::<Passenger>() + size_of::<Beam>();
+        let of_entering = size_of::<TileRay>() + size_of::<Beam>();
         // Constant cells are neither thinned nor seen by proxies.
         let of_linear = match interpolation {
             Interpolation::Linear => {
@@ -116,7 +116,7 @@ impl Tile {
             }
             Interpolation::Cell => 0,
         };
-        let of_all = (BATCH_RAYS * of_ray + MOST_BOARDING * of_boarding) as u64;
+        let of_all = (BATCH_RAYS * of_ray + MOST_ENTERING * of_entering) as u64;
         of_all + Packets::bytes(shape) + of_linear
     }
 
@@ -134,8 +134,8 @@ impl Tile {
             served: Vec::with_capacity(BATCH_RAYS.div_ceil(64)),
             starts: Vec::with_capacity(BATCH_RAYS + 1),
             packets: Packets::new(),
-            boarding: Vec::with_capacity(MOST_BOARDING),
-            beams: Vec::with_capacity(MOST_BOARDING),
+            entering: Vec::with_capacity(MOST_ENTERING),
+            beams: Vec::with_capacity(MOST_ENTERING),
             thinner: Thinner::new(thinned),
             proxies: Proxies::default(),
             spent: Spent::new(),
@@ -332,8 +332,8 @@ impl Tile {
                     let share = covered / grid.weight(&self.squares[index]);
                     self.beams.push(beam(frame, &ray, half, share));
                 }
-                self.boarding.push(Passenger { index, ray });
-                if !in_packets || self.boarding.len() == MOST_BOARDING {
+                self.entering.push(TileRay { index, ray });
+                if !in_packets || self.entering.len() == MOST_ENTERING {
                     samples += self.depart(passage, light, (alone, in_packets));
                 }
             }
@@ -354,10 +354,10 @@ impl Tile {
         let mut samples = 0;
         if in_packets {
             let mut film = Rays { states: &mut self.states, errors: &mut self.errors };
-            let rays = (&self.boarding[..], accounts);
+            let rays = (&self.entering[..], accounts);
             samples += self.packets.march(passage, light, rays, &mut film);
         }
-        for (n, Passenger { index, ray }) in self.boarding.drain(..).enumerate() {
+        for (n, TileRay { index, ray }) in self.entering.drain(..).enumerate() {
             let state = &mut self.states[index];
             if !in_packets {
                 let beam = accounts.beam(n);

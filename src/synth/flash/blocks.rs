@@ -25,8 +25,8 @@ pub(super) fn add(builder: &mut FileBuilder, recipe: &Recipe, grids: &Grids, tre
     list("node type", &|block| node_type(tree, block));
     list("processor number", &|_| 0);
     list("which child", &|block| block.parent.map_or(NONE, |_| block.octant as i32 + 1));
-    let kin = Kin::new(tree);
-    let rows: Vec<i32> = tree.blocks.iter().flat_map(|block| kin.row(block)).collect();
+    let relatives = Relatives::new(tree);
+    let rows: Vec<i32> = tree.blocks.iter().flat_map(|block| relatives.row(block)).collect();
     builder.create_dataset("gid").with_i32_data(&rows).with_shape(&[count, 15]);
 
     let boxes: Vec<f64> = tree.blocks.iter().flat_map(|block| edges(grids, tree, block)).collect();
@@ -70,12 +70,12 @@ fn edges(grids: &Grids, tree: &BlockTree, block: &Block) -> [f64; 6] {
 }
 
 /// Who lies beside, above and beneath whom.
-struct Kin<'t> {
+struct Relatives<'t> {
     tree: &'t BlockTree,
     numbers: HashMap<(u32, [i128; 3]), usize>,
 }
 
-impl<'t> Kin<'t> {
+impl<'t> Relatives<'t> {
     fn new(tree: &'t BlockTree) -> Self {
         let place = |(number, block): (usize, &Block)| ((block.level, block.at), number);
         Self { tree, numbers: tree.blocks.iter().enumerate().map(place).collect() }

@@ -1,7 +1,7 @@
 //! What two nodes a part make of a transfer function that bends.
 #![allow(clippy::needless_range_loop)]
 
-use super::Ground;
+use super::PacketBrick;
 use super::cube::Bend;
 use super::rows::distance;
 use crate::lanes::Lanes;
@@ -18,7 +18,7 @@ pub(super) struct Depths<L: Lanes> {
 }
 
 /// What a part is off by.
-pub(super) struct Off<L: Lanes> {
+pub(super) struct PartError<L: Lanes> {
     /// Emission, on average over the part.
     pub(super) emission: L::Float,
     /// Extinction, on average over the part.
@@ -30,7 +30,7 @@ pub(super) struct Off<L: Lanes> {
     /// Its optical depth, at most.
     pub(super) depth: L::Float,
     /// What x is along it.
-    pub(super) seen: Seen<L>,
+    pub(super) seen: PartValues<L>,
     /// Steepest slopes of emission and extinction that its values, and what they may be off by as
     /// they are stored, meet.
     pub(super) steepest: [L::Float; 2],
@@ -38,7 +38,7 @@ pub(super) struct Off<L: Lanes> {
 
 /// What x is along a part.
 #[derive(Clone, Copy)]
-pub(super) struct Seen<L: Lanes> {
+pub(super) struct PartValues<L: Lanes> {
     /// The middle of the values that x may take.
     pub(super) middle: L::Float,
     /// Half the range of these: x is within `half` of `middle`.
@@ -54,11 +54,11 @@ pub(super) struct Seen<L: Lanes> {
 #[inline(always)]
 pub(super) fn slopes_near<L: Lanes>(
     l: L,
-    ground: &Ground<'_>,
+    brick: &PacketBrick<'_>,
     middle: L::Float,
     half: L::Float,
 ) -> [L::Float; 4] {
-    let bends = &ground.table.bends;
+    let bends = &brick.table.bends;
     let mut scale = l.splat(Bends::REACHES[0].recip());
     let mut start = l.splat(Bends::NEAR_STARTS[0]);
     for n in 1..Bends::REACHES.len() {
@@ -81,15 +81,15 @@ pub(super) fn slopes_near<L: Lanes>(
 #[inline(always)]
 pub(super) fn kinks_between<L: Lanes>(
     l: L,
-    ground: &Ground<'_>,
+    brick: &PacketBrick<'_>,
     [low, high]: [L::Float; 2],
 ) -> [[L::Float; 4]; 2] {
-    let bends = &ground.table.bends;
+    let bends = &brick.table.bends;
     let mut low = l.gather_row(&bends.kinks, kink_place(l, low, 0.0));
     let mut high = l.gather_row(&bends.kinks, kink_place(l, high, 1.0));
     for n in 0..3 {
-        low[n] = l.max(low[n], l.splat(ground.kinks[0][n]));
-        high[n] = l.max(l.min(high[n], l.splat(ground.kinks[1][n])), low[n]);
+        low[n] = l.max(low[n], l.splat(brick.kinks[0][n]));
+        high[n] = l.max(l.min(high[n], l.splat(brick.kinks[1][n])), low[n]);
     }
     [low, high]
 }
@@ -99,10 +99,10 @@ pub(super) fn kinks_between<L: Lanes>(
 #[inline(always)]
 pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     l: L,
-    ground: &Ground<'_>,
+    brick: &PacketBrick<'_>,
     ([a, b], bend): ([L::Float; 2], Bend<L>),
     Depths { thickness, mean: depth, extinction }: Depths<L>,
-) -> Off<L> {
+) -> PartError<L> {
     // The line through the nodes rises √3 times as far as between them.
     let (apart, off) = (distance(l, a, b), bend.distance(l));
     let rise = l.mul(apart, l.splat(1.733));
@@ -111,23 +111,23 @@ pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     let half = l.mul(width, l.splat(0.5));
     let (zero, one) = (l.splat(0.0), l.splat(1.0));
     let [curved, slope, fade, _] =
-        slopes_near(l, ground, middle, l.add(half, l.splat(ground.storage[0])));
+        slopes_near(l, brick, middle, l.add(half, l.splat(brick.storage[0])));
     let steepest = [slope, fade];
     // Where x is no cubic nodes are off its mean by as much as it is off the line, and back.
     let mean = l.fma(bend.kink, l.splat(2.0), l.mul(bend.fourth, l.splat(1.0 / 180.0)));
     let odd = l.mul(bend.third, l.fma(bend.third, l.splat(0.0011), l.mul(width, l.splat(0.0112))));
     let even = l.fma(l.mul(bend.second, bend.second), l.splat(0.0056), odd);
     let smooth = l.mul(curved, l.fma(mean, l.add(width, bend.kink), even));
-    let [low, high] = kinks_between(l, ground, [l.sub(middle, half), l.add(middle, half)]);
+    let [low, high] = kinks_between(l, brick, [l.sub(middle, half), l.add(middle, half)]);
     let quarter = l.mul(width, l.splat(0.25));
-    let seen = Seen { middle, half, off, rise };
+    let seen = PartValues { middle, half, off, rise };
     let [kink_share, turn_share] = shares_of_steps(l, rise, bend);
     let turned = l.mul(l.sub(high[2], low[2]), turn_share);
     let kinked = l.fma(l.sub(high[0], low[0]), kink_share, turned);
     let unseen = l.fma(mean, slope, l.add(smooth, kinked));
     if !ABSORBS {
         let [extinction, most, curved, depth] = [zero; 4];
-        return Off { emission: unseen, extinction, most, curved, depth, seen, steepest };
+        return PartError { emission: unseen, extinction, most, curved, depth, seen, steepest };
     }
     let step = l.sub(high[1], low[1]);
     let mean = l.fma(mean, fade, l.mul(step, kink_share));
@@ -155,9 +155,9 @@ pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     let turning = l.mul(l.mul(rise, width), l.mul(l.add(square, leaning), l.splat(12.0)));
     let share = l.splat(1.0 / 4320.0);
     let all = l.fma(depth, coupled, l.fma(l.add(rising, turning), share, unseen));
-    // Seen from the part's near end, not on average: e^depth up to 1 is at most 1 + 1.72·depth.
+    // PartValues from the part's near end, not on average: e^depth up to 1 is at most 1 + 1.72·depth.
     let near = l.fma(depth, l.splat(1.72), one);
-    Off {
+    PartError {
         emission: l.mul(all, near),
         extinction: mean,
         most,

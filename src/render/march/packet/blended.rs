@@ -7,9 +7,9 @@
 //! one border, may bend on the way.
 #![allow(clippy::needless_range_loop)]
 
-use super::Ground;
+use super::PacketBrick;
 use super::cube::{Bend, Cube, Skew};
-use super::deal::Deal;
+use super::part_lanes::PartLanes;
 use super::rows::distance;
 use crate::lanes::{BYTE_PADDING, Lanes};
 
@@ -200,19 +200,19 @@ impl<L: Lanes> Part<L> {
     #[inline(always)]
     pub(super) fn new(
         l: L,
-        ground: &Ground<'_>,
+        brick: &PacketBrick<'_>,
         (cell, exists, lanes): (&[L::Float; 3], L::Index, L::Mask),
         along: Along<'_, L>,
     ) -> Self {
         let missing = missing_at(l, exists, along.middle);
-        let first = Level::new(l, &ground.parents[0], cell, along);
+        let first = Level::new(l, &brick.parents[0], cell, along);
         let mut part = Self { missing, parents: [first; MOST_PARENTS], depth: 1 };
-        while part.depth < ground.parent_count {
+        while part.depth < brick.parent_count {
             let complete = l.is_index(part.parents[part.depth - 1].missing, 0);
             if l.bits(l.without(lanes, complete)) == 0 {
                 break;
             }
-            part.parents[part.depth] = Level::new(l, &ground.parents[part.depth], cell, along);
+            part.parents[part.depth] = Level::new(l, &brick.parents[part.depth], cell, along);
             part.depth += 1;
         }
         part
@@ -220,7 +220,7 @@ impl<L: Lanes> Part<L> {
 
     /// In each lane the blending for the ray whose part is dealt to it.
     #[inline(always)]
-    pub(super) fn dealt(&self, l: L, deal: &Deal<L>) -> Self {
+    pub(super) fn dealt(&self, l: L, deal: &PartLanes<L>) -> Self {
         let missing = dealt(l, self.missing, deal);
         let mut part = Self { missing, parents: self.parents, depth: self.depth };
         for n in 0..self.depth {
@@ -306,7 +306,7 @@ impl<L: Lanes> Part<L> {
 
 /// A small number, of the rays whose parts are dealt.
 #[inline(always)]
-fn dealt<L: Lanes>(l: L, number: L::Index, deal: &Deal<L>) -> L::Index {
+fn dealt<L: Lanes>(l: L, number: L::Index, deal: &PartLanes<L>) -> L::Index {
     l.index(deal.ray_of(l, l.float(number)))
 }
 

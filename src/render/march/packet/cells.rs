@@ -17,7 +17,7 @@ use super::rows::is_less;
 use super::shade::DARK;
 use super::sums::Sums;
 use super::walk::{Exit, Walk};
-use super::{Ground, Packet, add_off, go_on, rates_at};
+use super::{Packet, PacketBrick, add_off, go_on, rates_at};
 use crate::lanes::Lanes;
 
 /// Optical depths up to this are summed as series, to 2e-9.
@@ -42,13 +42,17 @@ const THICK_ROUNDING: [f32; 2] = [1.75e-7, 2.45e-7];
 
 /// The march of a packet through constant cells until each active ray has left the brick or faded.
 #[inline(always)]
-pub(super) fn march<L: Lanes, const ABSORBS: bool>(l: L, ground: &Ground<'_>, packet: &mut Packet) {
-    let mut walk = Walk::new(l, ground, packet);
+pub(super) fn march<L: Lanes, const ABSORBS: bool>(
+    l: L,
+    brick: &PacketBrick<'_>,
+    packet: &mut Packet,
+) {
+    let mut walk = Walk::new(l, brick, packet);
     let mut sums = Sums::load(l, packet);
     let mut doubts = Doubts::new(l, &walk);
     let (thickness, fade) = (l.load(&packet.thickness), l.load(&packet.fade));
     let (zero, one) = (l.splat(0.0), l.splat(1.0));
-    let side = l.splat(ground.side as f32);
+    let side = l.splat(brick.side as f32);
     let mut active = l.mask(packet.active);
     for n in 0..3 {
         let lost = l.splat(LOST[usize::from(n > 0)]);
@@ -61,7 +65,7 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(l: L, ground: &Ground<'_>, pa
     while l.bits(active) != 0 {
         count += u64::from(l.bits(active).count_ones());
         let cell = walk.index(side);
-        let shade = l.gather_row(ground.shades, cell);
+        let shade = l.gather_row(brick.shades, cell);
         let planes = walk.inner_planes();
         let exit = walk.exit(planes);
         let way = l.select(active, exit.way, zero);
@@ -88,14 +92,14 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(l: L, ground: &Ground<'_>, pa
         let own = [l.max(l.max(shade[0], shade[1]), shade[2]), shade[3]];
         let rounded = [l.mul(rounding[0], own[0]), l.mul(rounding[1], own[1])];
         sums.off = add_off::<L, ABSORBS>(l, sums.off, rounded, lit, way);
-        let Doubt { length, is_simple } = doubts.pass(l, &walk, planes, &exit);
+        let CellDoubt { length, is_simple } = doubts.pass(l, &walk, planes, &exit);
         let mut rates = own;
         // Behind the cell without the ways in doubt at its ends, a twentieth of it at most:
         // e^(depth/20) is less than 1 + depth as far as anything is seen.
         let behind = l.mul(seen[0], l.add(one, l.min(depth, l.splat(DARK))));
         let mut shadow = behind;
         if l.bits(l.without(active, is_simple)) != 0 {
-            let most = rates_at(l, ground.rates, walk.group(ground.groups), active);
+            let most = rates_at(l, brick.rates, walk.group(brick.groups), active);
             for n in 0..2 {
                 rates[n] = l.select(is_simple, own[n], most[n]);
             }
@@ -103,11 +107,11 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(l: L, ground: &Ground<'_>, pa
         }
         let length = l.select(active, length, zero);
         sums.off = add_off::<L, ABSORBS>(l, sums.off, rates, l.mul(shadow, length), length);
-        if !ground.levels.is_empty() {
-            let rates = rates_at(l, ground.levels, walk.group(ground.groups), active);
+        if !brick.levels.is_empty() {
+            let rates = rates_at(l, brick.levels, walk.group(brick.groups), active);
             sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, lit, way);
         }
-        let rates = rates_at(l, ground.storages, cell, active);
+        let rates = rates_at(l, brick.storages, cell, active);
         sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, lit, way);
         active = go_on::<L, ABSORBS>(l, &mut walk, &exit, active, (gathered.depth[0], fade));
     }
@@ -236,7 +240,7 @@ struct Doubts<L: Lanes> {
 }
 
 /// The doubt about a cell.
-struct Doubt<L: Lanes> {
+struct CellDoubt<L: Lanes> {
     /// How much of the way may belong to other cells.
     length: L::Float,
     /// Whether these are only the one before and the next.
@@ -257,7 +261,7 @@ impl<L: Lanes> Doubts<L> {
     /// What is in doubt of the way to `exit` through a cell with these planes ahead, of which the
     /// ray crosses the one along one of the axes, or none where the brick ends.
     #[inline(always)]
-    fn pass(&mut self, l: L, walk: &Walk<L>, planes: [Long<L>; 3], exit: &Exit<L>) -> Doubt<L> {
+    fn pass(&mut self, l: L, walk: &Walk<L>, planes: [Long<L>; 3], exit: &Exit<L>) -> CellDoubt<L> {
         let (way, zero, since) = (exit.way, l.splat(0.0), self.since);
         // All from the exit on: when the ray may leave at the earliest; when it has crossed the plane
         // that it crosses in f32 at the latest; and when it may cross another plane than that of the
@@ -282,7 +286,7 @@ impl<L: Lanes> Doubts<L> {
         let other = l.fma(self.off_end, l.splat(2.0), other);
         self.since = l.max(l.sub(since, way), late);
         self.is_clear = leaves;
-        Doubt { length: l.select(is_simple, simple, other), is_simple }
+        CellDoubt { length: l.select(is_simple, simple, other), is_simple }
     }
 }
 

@@ -1,7 +1,7 @@
 //! The interpolant in a dual cell, and how it may bend.
 #![allow(clippy::needless_range_loop)]
 
-use super::deal::Deal;
+use super::part_lanes::PartLanes;
 use super::rows::distance;
 use crate::lanes::Lanes;
 
@@ -59,7 +59,7 @@ impl<L: Lanes> Cube<L> {
 
     /// In each lane the cube of the ray whose part is dealt to it.
     #[inline(always)]
-    pub(super) fn dealt(mut self, l: L, deal: &Deal<L>) -> Self {
+    pub(super) fn dealt(mut self, l: L, deal: &PartLanes<L>) -> Self {
         for n in 0..4 {
             self.lower[n] = deal.ray_of(l, self.lower[n]);
             self.rise[n] = deal.ray_of(l, self.rise[n]);
@@ -146,7 +146,7 @@ impl<L: Lanes> Bend<L> {
 
     /// In each lane the bend for the ray whose part is dealt to it.
     #[inline(always)]
-    pub(super) fn dealt(self, l: L, deal: &Deal<L>) -> Self {
+    pub(super) fn dealt(self, l: L, deal: &PartLanes<L>) -> Self {
         Self {
             second: deal.ray_of(l, self.second),
             third: deal.ray_of(l, self.third),

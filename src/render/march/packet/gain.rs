@@ -1,11 +1,11 @@
 //! What stretches of cells add to what rays gather.
 #![allow(clippy::needless_range_loop)]
 
-use super::Ground;
-use super::bends::{Depths, Seen, crooked};
+use super::PacketBrick;
+use super::bends::{Depths, PartValues, crooked};
 use super::blended::{MOST_PARENTS, Part};
 use super::cube::{Bend, Cube};
-use super::deal::Deal;
+use super::part_lanes::PartLanes;
 use super::rows::behind;
 use super::shade::{shade, through};
 use crate::lanes::Lanes;
@@ -38,13 +38,13 @@ pub(super) struct Stretch<'s, L: Lanes> {
     pub(super) thickness: L::Float,
     /// What extinction is off by beside what is found out on the way.
     pub(super) rate: L::Float,
-    /// The first four numbers of the group's row in [`Ground::rows`].
+    /// The first four numbers of the group's row in [`PacketBrick::rows`].
     pub(super) stored: [L::Float; 4],
 }
 
 /// How a stretch, or several, answer to values that are not stored exactly.
 #[derive(Clone, Copy)]
-pub(super) struct Steep<L: Lanes> {
+pub(super) struct StorageSlopes<L: Lanes> {
     /// ∫ T dt, with T the transmittance up to t.
     pub(super) lit: L::Float,
     /// ∫ T dt of the steepest slope of emission times what x is off by; the same of extinction; and
@@ -52,7 +52,7 @@ pub(super) struct Steep<L: Lanes> {
     pub(super) slopes: [L::Float; 3],
 }
 
-impl<L: Lanes> Steep<L> {
+impl<L: Lanes> StorageSlopes<L> {
     /// What no stretch adds.
     #[inline(always)]
     pub(super) fn none(l: L) -> Self {
@@ -77,7 +77,7 @@ pub(super) struct Gain<L: Lanes> {
     /// Optical depth behind it.
     pub(super) depth: L::Float,
     /// How it answers to values that are not stored exactly.
-    pub(super) steep: Steep<L>,
+    pub(super) steep: StorageSlopes<L>,
     /// What it is off by, in the order of [`super::Packet::off`].
     pub(super) off: [L::Float; 3],
     /// Optical depth of the deepest part, at most.
@@ -88,7 +88,7 @@ impl<L: Lanes> Gain<L> {
     /// Nothing, behind an optical depth.
     #[inline(always)]
     fn none(l: L, depth: L::Float) -> Self {
-        let (zero, steep) = (l.splat(0.0), Steep::none(l));
+        let (zero, steep) = (l.splat(0.0), StorageSlopes::none(l));
         Self { light: [zero; 3], depth, steep, off: [zero; 3], deepest: zero }
     }
 
@@ -96,12 +96,12 @@ impl<L: Lanes> Gain<L> {
     #[inline(always)]
     pub(super) fn at_once<const ABSORBS: bool>(
         l: L,
-        ground: &Ground<'_>,
+        brick: &PacketBrick<'_>,
         depth: L::Float,
         stretch: &Stretch<'_, L>,
-    ) -> (Self, Seen<L>) {
-        let look = Look::at::<ABSORBS>(l, ground, stretch, (l.splat(0.0), 1.0));
-        look.gain::<ABSORBS>(l, ground, depth, stretch)
+    ) -> (Self, PartValues<L>) {
+        let look = StretchPart::at::<ABSORBS>(l, brick, stretch, (l.splat(0.0), 1.0));
+        look.gain::<ABSORBS>(l, brick, depth, stretch)
     }
 
     /// What a stretch behind an optical depth adds if it is passed in so many equal parts, in
@@ -110,15 +110,15 @@ impl<L: Lanes> Gain<L> {
     #[inline(always)]
     pub(super) fn in_parts<const ABSORBS: bool>(
         l: L,
-        ground: &Ground<'_>,
+        brick: &PacketBrick<'_>,
         (depth, lanes): (L::Float, u32),
         stretch: &Stretch<'_, L>,
         parts: u32,
     ) -> Self {
         let (mut all, mut left) = (Self::none(l, depth), lanes);
         while left != 0 {
-            let deal = Deal::new(l, left, parts);
-            let gain = Self::of_deal::<ABSORBS>(l, ground, (depth, &deal), stretch, parts);
+            let deal = PartLanes::new(l, left, parts);
+            let gain = Self::of_deal::<ABSORBS>(l, brick, (depth, &deal), stretch, parts);
             all = gain.or(l, l.mask(deal.rays), &all);
             left &= !deal.rays;
         }
@@ -128,8 +128,8 @@ impl<L: Lanes> Gain<L> {
     #[inline(always)]
     fn of_deal<const ABSORBS: bool>(
         l: L,
-        ground: &Ground<'_>,
-        (depth, deal): (L::Float, &Deal<L>),
+        brick: &PacketBrick<'_>,
+        (depth, deal): (L::Float, &PartLanes<L>),
         stretch: &Stretch<'_, L>,
         parts: u32,
     ) -> Self {
@@ -139,9 +139,9 @@ impl<L: Lanes> Gain<L> {
         for round in 0..parts / deal.abreast {
             let number = l.add(deal.number, l.splat((round * deal.abreast) as f32));
             let share = (parts as f32).recip();
-            let look = Look::at::<ABSORBS>(l, ground, &stretch, (number, share));
+            let look = StretchPart::at::<ABSORBS>(l, brick, &stretch, (number, share));
             let depth = if ABSORBS { deal.in_front(l, gain.depth, look.mean) } else { gain.depth };
-            let (found, _) = look.gain::<ABSORBS>(l, ground, depth, &stretch);
+            let (found, _) = look.gain::<ABSORBS>(l, brick, depth, &stretch);
             for n in 0..deal.abreast {
                 gain = gain.and::<ABSORBS>(l, &found, deal.part(l, n));
             }
@@ -154,12 +154,12 @@ impl<L: Lanes> Gain<L> {
     pub(super) fn open<const ABSORBS: bool>(
         &self,
         l: L,
-        ground: &Ground<'_>,
+        brick: &PacketBrick<'_>,
         allowed: L::Float,
     ) -> L::Mask {
         let mut off = self.off[0];
         if ABSORBS {
-            off = l.fma(self.off[1], l.splat(ground.darkening), off);
+            off = l.fma(self.off[1], l.splat(brick.darkening), off);
         }
         let shallow = l.is_at_most(self.deepest, l.splat(DEEPEST));
         l.without(l.mask(!0), l.and(shallow, l.is_at_most(off, allowed)))
@@ -200,7 +200,7 @@ impl<L: Lanes> Gain<L> {
 }
 
 #[inline(always)]
-fn dealt<L: Lanes>(l: L, part: Option<&Part<L>>, deal: &Deal<L>) -> Option<Part<L>> {
+fn dealt<L: Lanes>(l: L, part: Option<&Part<L>>, deal: &PartLanes<L>) -> Option<Part<L>> {
     match part {
         Some(part) => Some(part.dealt(l, deal)),
         None => None,
@@ -214,7 +214,7 @@ impl<'s, L: Lanes> Stretch<'s, L> {
     fn dealt<'d>(
         &self,
         l: L,
-        deal: &Deal<L>,
+        deal: &PartLanes<L>,
         (cube, part): (&'d Cube<L>, Option<&'d Part<L>>),
     ) -> Stretch<'d, L> {
         let (mut place, mut direction, mut stored) = (self.place, self.direction, self.stored);
@@ -241,7 +241,7 @@ impl<'s, L: Lanes> Stretch<'s, L> {
 }
 
 /// A part of a stretch in each lane, before it is known what lies in front.
-struct Look<L: Lanes> {
+struct StretchPart<L: Lanes> {
     /// Its length.
     step: L::Float,
     /// Optical depth of the table's largest extinction over it, and its own.
@@ -253,12 +253,12 @@ struct Look<L: Lanes> {
     bend: Bend<L>,
 }
 
-impl<L: Lanes> Look<L> {
+impl<L: Lanes> StretchPart<L> {
     /// At the part with a number, of parts that are each such a share of the stretch.
     #[inline(always)]
     fn at<const ABSORBS: bool>(
         l: L,
-        ground: &Ground<'_>,
+        brick: &PacketBrick<'_>,
         stretch: &Stretch<'_, L>,
         (number, share): (L::Float, f32),
     ) -> Self {
@@ -274,7 +274,7 @@ impl<L: Lanes> Look<L> {
             if let Some(part) = part {
                 (x, blends[n]) = part.at(l, x, place);
             }
-            shades[n] = shade::<L, ABSORBS>(l, ground.table, x);
+            shades[n] = shade::<L, ABSORBS>(l, brick.table, x);
             values[n] = x;
         }
         let bend = match part {
@@ -293,10 +293,10 @@ impl<L: Lanes> Look<L> {
     fn gain<const ABSORBS: bool>(
         &self,
         l: L,
-        ground: &Ground<'_>,
+        brick: &PacketBrick<'_>,
         depth: L::Float,
         stretch: &Stretch<'_, L>,
-    ) -> (Gain<L>, Seen<L>) {
+    ) -> (Gain<L>, PartValues<L>) {
         let Self { step, thickness, mean, values, shades: [a, b], bend } = *self;
         let half = l.mul(step, l.splat(0.5));
         let mut gain = Gain::none(l, depth);
@@ -317,11 +317,11 @@ impl<L: Lanes> Look<L> {
         let lit = l.add(weights[0], weights[1]);
         gain.steep.lit = lit;
         let depths = Depths { thickness, mean, extinction: l.max(a[3], b[3]) };
-        let found = crooked::<L, ABSORBS>(l, ground, (values, bend), depths);
+        let found = crooked::<L, ABSORBS>(l, brick, (values, bend), depths);
         gain.off[0] = l.mul(found.emission, lit);
         let high = l.add(found.seen.middle, found.seen.half);
         let [_, _, most, base] = stretch.stored;
-        let off = l.min(most, l.fma(l.splat(ground.storage[1]), high, base));
+        let off = l.min(most, l.fma(l.splat(brick.storage[1]), high, base));
         let off = l.max(off, l.splat(0.0));
         let [slope, fade] = [l.mul(found.steepest[0], off), l.mul(found.steepest[1], off)];
         gain.steep.slopes[0] = l.mul(slope, lit);

@@ -2,7 +2,7 @@
 //!
 //! Each ray walks from dual cell to dual cell ([`walk`]), from crossing to crossing as sums of two f32
 //! ([`long`]), so that cells at its end are placed as exactly as those at its beginning. Where rays come into the
-//! brick is worked out before, in f64 (`packets/seats.rs`). Within a cell the interpolant
+//! brick is worked out before, in f64 (`packets/lane_rays.rs`). Within a cell the interpolant
 //! ([`cube`]) at two Gauss–Legendre nodes gives emission and extinction by table ([`shade`],
 //! [`crate::render::transfer::table`]): bins with two lines each, which meet at a corner of the transfer
 //! function. The optical depth up to a node is that of extinction linear between the nodes
@@ -17,12 +17,12 @@
 //! rays' lanes ([`deal`]).
 //!
 //! Where rays stand for squares of pixels, their account is kept in lanes too ([`square`]; its twin for
-//! single rays is `render/bounds/ledger.rs`, and tests hold both to all rays of a square). A ray behind which no
+//! single rays is `render/bounds/brick_account.rs`, and tests hold both to all rays of a square). A ray behind which no
 //! more than its share of the tolerance can follow stops inside the brick. What rounding may do
 //! is graded per group of cells ([`crate::render::bounds::grade`]; kept with bricks that areas pass many times,
 //! `grade/kept.rs`); rays stop before cells that are not fit for it. All numbers are the brick's
 //! own, near 1: lengths in cells, light relative to the transfer function's largest. All of this is
-//! put together in [`journey`].
+//! put together in [`interpolated`].
 //!
 //! Where cells are constant, rays walk through the cells themselves ([`cells`]). What a cell emits and
 //! absorbs is known from when its brick was loaded (`render/brick/cell_shades.rs`). A crossing from one to
@@ -38,10 +38,10 @@ mod bends;
 mod blended;
 mod cells;
 mod cube;
-mod deal;
 mod gain;
-mod journey;
+mod interpolated;
 mod long;
+mod part_lanes;
 mod rows;
 mod shade;
 mod square;
@@ -65,7 +65,7 @@ pub(super) const ORIGIN_STEP: f64 = 1.0 / (1 << 18) as f64;
 pub(crate) const UNFIT: u32 = u32::MAX;
 
 /// What packets see of a brick.
-pub(super) struct Ground<'g> {
+pub(super) struct PacketBrick<'g> {
     /// Mapped values of the brick's block, x fastest, ghosts included.
     pub(super) values: &'g [f32],
     /// Cells along the edge of that block, ghosts included; without ghosts where cells are
@@ -243,7 +243,7 @@ impl Packet {
 /// or has come to a cell that is not fit.
 pub(super) struct March<'m> {
     /// The brick.
-    pub(super) ground: &'m Ground<'m>,
+    pub(super) brick: &'m PacketBrick<'m>,
     /// The rays.
     pub(super) packet: &'m mut Packet,
     /// Whether it goes through cells beside borders of levels, and not through plain ones.
@@ -255,19 +255,20 @@ impl Kernel for March<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
-        let absorbs = self.ground.table.extinction > 0.0;
-        if !self.ground.shades.is_empty() {
+        let absorbs = self.brick.table.extinction > 0.0;
+        if !self.brick.shades.is_empty() {
             return if absorbs {
-                cells::march::<L, true>(lanes, self.ground, self.packet);
+                cells::march::<L, true>(lanes, self.brick, self.packet);
             } else {
-                cells::march::<L, false>(lanes, self.ground, self.packet);
+                cells::march::<L, false>(lanes, self.brick, self.packet);
             };
         }
+        use interpolated::march;
         match (absorbs, self.blended) {
-            (true, true) => journey::march::<L, true, true>(lanes, self.ground, self.packet),
-            (true, false) => journey::march::<L, true, false>(lanes, self.ground, self.packet),
-            (false, true) => journey::march::<L, false, true>(lanes, self.ground, self.packet),
-            (false, false) => journey::march::<L, false, false>(lanes, self.ground, self.packet),
+            (true, true) => march::<L, true, true>(lanes, self.brick, self.packet),
+            (true, false) => march::<L, true, false>(lanes, self.brick, self.packet),
+            (false, true) => march::<L, false, true>(lanes, self.brick, self.packet),
+            (false, false) => march::<L, false, false>(lanes, self.brick, self.packet),
         }
     }
 }

@@ -1,8 +1,8 @@
 //! What rays stand for that are the centres of squares: how far the squares' other rays are from
-//! them, as [`crate::render::bounds::ledger`] has it for single rays.
+//! them, as [`crate::render::bounds::brick_account`] has it for single rays.
 #![allow(clippy::needless_range_loop)]
 
-use super::Ground;
+use super::PacketBrick;
 use super::bends::{kinks_between, slopes_near};
 use super::rows::{distance, load, store};
 use super::sums::Passed;
@@ -58,21 +58,21 @@ impl<L: Lanes> Squares<L> {
     pub(super) fn shift(
         &self,
         l: L,
-        ground: &Ground<'_>,
+        brick: &PacketBrick<'_>,
         (walk, way, group): (&Walk<L>, L::Float, L::Index),
         blended: bool,
     ) -> Shift<L> {
         let (zero, one, half) = (l.splat(0.0), l.splat(1.0), l.splat(0.5));
-        let whole = l.splat((ground.groups * ground.groups * ground.groups) as f32);
+        let whole = l.splat((brick.groups * brick.groups * brick.groups) as f32);
         let group = l.index(l.select(self.wide, whole, l.float(group)));
-        let row = l.gather_row(ground.reliefs, group);
+        let row = l.gather_row(brick.reliefs, group);
         let (slope, uneven) = ([row[0], row[1], row[2]], [row[3], row[4], row[5]]);
         let spread = self.spread;
         let over =
             l.fma(slope[0], spread[0], l.fma(slope[1], spread[1], l.mul(slope[2], spread[2])));
         let most = l.min(over, row[6]);
-        if ground.are_proxies {
-            let uneven = self.bent(l, ground, (walk, way), (uneven, most));
+        if brick.are_proxies {
+            let uneven = self.bent(l, brick, (walk, way), (uneven, most));
             return Shift { most, uneven, range: row[6] };
         }
         let mut smooth = l.mul(self.turn, most);
@@ -92,7 +92,7 @@ impl<L: Lanes> Squares<L> {
         }
         let ends = [from, to];
         let touching =
-            if blended { self.touches(l, ground, ends) } else { self.leaves(l, walk, ends) };
+            if blended { self.touches(l, brick, ends) } else { self.leaves(l, walk, ends) };
         let half_most = l.mul(most, half);
         let parted = l.mul(half_most, l.min(touching, one));
         let uneven = l.min(half_most, l.add(parted, bent));
@@ -107,7 +107,7 @@ impl<L: Lanes> Squares<L> {
     fn bent(
         &self,
         l: L,
-        ground: &Ground<'_>,
+        brick: &PacketBrick<'_>,
         (walk, way): (&Walk<L>, L::Float),
         (uneven, most): ([L::Float; 3], L::Float),
     ) -> L::Float {
@@ -118,7 +118,7 @@ impl<L: Lanes> Squares<L> {
             anywhere = l.fma(uneven[a], spread[a], anywhere);
         }
         anywhere = l.mul(l.min(anywhere, most), two);
-        if !ground.kinds.is_empty() {
+        if !brick.kinds.is_empty() {
             return anywhere;
         }
         let mut bent = zero;
@@ -169,9 +169,9 @@ impl<L: Lanes> Squares<L> {
     /// The share of the way along which weights bend between rays: at the cell's faces and middles,
     /// and at planes through opposite edges; all of it with more than one level of parents.
     #[inline(always)]
-    fn touches(&self, l: L, ground: &Ground<'_>, [from, to]: [[L::Float; 3]; 2]) -> L::Float {
+    fn touches(&self, l: L, brick: &PacketBrick<'_>, [from, to]: [[L::Float; 3]; 2]) -> L::Float {
         let (one, half) = (l.splat(1.0), l.splat(0.5));
-        if ground.parent_count > 1 {
+        if brick.parent_count > 1 {
             return one;
         }
         let mut sum = l.splat(0.0);
@@ -207,17 +207,17 @@ impl<L: Lanes> Shift<L> {
     pub(super) fn add<const ABSORBS: bool>(
         &self,
         l: L,
-        ground: &Ground<'_>,
+        brick: &PacketBrick<'_>,
         packet: &mut Packet,
         (Passed { seen, steep, .. }, way): (&Passed<L>, L::Float),
         active: L::Mask,
     ) {
         let lit = steep.lit;
-        let reach = l.add(self.most, l.splat(ground.reach));
+        let reach = l.add(self.most, l.splat(brick.reach));
         let half = l.add(l.min(seen.half, self.range), reach);
-        let [curved, slope, fade, _] = slopes_near(l, ground, seen.middle, half);
+        let [curved, slope, fade, _] = slopes_near(l, brick, seen.middle, half);
         let [low, high] =
-            kinks_between(l, ground, [l.sub(seen.middle, half), l.add(seen.middle, half)]);
+            kinks_between(l, brick, [l.sub(seen.middle, half), l.add(seen.middle, half)]);
         // A kink is within reach while the straight line is, give or take what x is off it.
         let long = l.mul(l.add(reach, seen.off), l.splat(2.0));
         let near = l.min(l.div(long, l.max(seen.rise, l.splat(f32::MIN_POSITIVE))), l.splat(1.0));
@@ -225,7 +225,7 @@ impl<L: Lanes> Shift<L> {
             l.min(l.fma(self.most, l.splat(0.25), self.uneven), l.mul(self.most, l.splat(0.5)));
         let square = l.mul(self.most, self.most);
         // Of a part of the way up to 1.58 of its share is seen: that of a depth of 1.
-        let [at_kinks, third] = if ground.are_proxies {
+        let [at_kinks, third] = if brick.are_proxies {
             let near = l.min(l.mul(near, l.splat(1.6)), l.splat(1.0));
             [l.mul(near, self.most), square]
         } else {

@@ -1,10 +1,10 @@
 //! What a packet gathers.
 #![allow(clippy::needless_range_loop)]
 
-use super::bends::Seen;
-use super::gain::{Gain, Steep, Stretch};
+use super::bends::PartValues;
+use super::gain::{Gain, StorageSlopes, Stretch};
 use super::rows::{load, store};
-use super::{Ground, Packet};
+use super::{Packet, PacketBrick};
 use crate::lanes::Lanes;
 
 /// Stretches that are off by too much are passed in so many times as many parts.
@@ -30,9 +30,9 @@ pub(super) struct Passed<L: Lanes> {
     /// In how many parts, of all active rays.
     pub(super) count: u64,
     /// What x is along it.
-    pub(super) seen: Seen<L>,
+    pub(super) seen: PartValues<L>,
     /// How it answers to values that are not stored exactly.
-    pub(super) steep: Steep<L>,
+    pub(super) steep: StorageSlopes<L>,
 }
 
 impl<L: Lanes> Sums<L> {
@@ -63,21 +63,21 @@ impl<L: Lanes> Sums<L> {
     pub(super) fn pass<const ABSORBS: bool>(
         &mut self,
         l: L,
-        ground: &Ground<'_>,
+        brick: &PacketBrick<'_>,
         (allowed, active): (L::Float, L::Mask),
         stretch: &Stretch<'_, L>,
     ) -> Passed<L> {
         let mut parts = 1;
         let mut count = u64::from(l.bits(active).count_ones());
-        let (mut gain, seen) = Gain::at_once::<ABSORBS>(l, ground, self.depth, stretch);
-        let mut open = l.and(active, gain.open::<ABSORBS>(l, ground, allowed));
-        while l.bits(open) != 0 && parts < ground.parts {
+        let (mut gain, seen) = Gain::at_once::<ABSORBS>(l, brick, self.depth, stretch);
+        let mut open = l.and(active, gain.open::<ABSORBS>(l, brick, allowed));
+        while l.bits(open) != 0 && parts < brick.parts {
             parts *= FINER;
             let rays = (self.depth, l.bits(open));
-            let finer = Gain::in_parts::<ABSORBS>(l, ground, rays, stretch, parts);
+            let finer = Gain::in_parts::<ABSORBS>(l, brick, rays, stretch, parts);
             gain = finer.or(l, open, &gain);
             count += u64::from(parts) * u64::from(l.bits(open).count_ones());
-            open = l.and(open, gain.open::<ABSORBS>(l, ground, allowed));
+            open = l.and(open, gain.open::<ABSORBS>(l, brick, allowed));
         }
         self.add::<ABSORBS>(l, &gain);
         Passed { count, seen, steep: gain.steep }

@@ -3,7 +3,7 @@
 
 use super::long::{Long, apart, difference, select};
 use super::rows::{behind, distance, load, store};
-use super::{Ground, Packet};
+use super::{Packet, PacketBrick};
 use crate::lanes::Lanes;
 use crate::render::bounds::relief::GROUP_EDGE;
 
@@ -49,7 +49,7 @@ const LEAST_MOTION: f32 = 1e-30;
 impl<L: Lanes> Walk<L> {
     /// The walk of the packet's rays from where they have come to.
     #[inline(always)]
-    pub(super) fn new(l: L, ground: &Ground<'_>, packet: &Packet) -> Self {
+    pub(super) fn new(l: L, brick: &PacketBrick<'_>, packet: &Packet) -> Self {
         let (zero, one) = (l.splat(0.0), l.splat(1.0));
         let long = [zero; 2];
         let mut walk = Self {
@@ -82,7 +82,7 @@ impl<L: Lanes> Walk<L> {
             let inverse = [inverse, l.mul(inverse, left)];
             let far = [l.splat(LEAST_MOTION.recip()), zero];
             walk.inverse[a] = select(l, falls, inverse, select(l, rises, inverse, far));
-            (walk.lo[a], walk.hi[a]) = (l.splat(ground.lo[a]), l.splat(ground.hi[a]));
+            (walk.lo[a], walk.hi[a]) = (l.splat(brick.lo[a]), l.splat(brick.hi[a]));
             let last = l.select(falls, walk.lo[a], walk.hi[a]);
             walk.last[a] = l.mul(last, walk.sign[a]);
         }

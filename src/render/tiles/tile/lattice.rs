@@ -49,7 +49,7 @@ impl Lattice {
     }
 
     /// Number of corners.
-    pub(super) fn spots(&self) -> usize {
+    pub(super) fn results(&self) -> usize {
         self.count.map(|n| n as usize + 1).iter().product()
     }
 }

@@ -40,7 +40,7 @@ const FARTHEST: f64 = TILE_SIDE as f64;
 
 /// What a proxy has gathered, with a transmittance of 1 in front of the brick.
 #[derive(Debug, Clone, Copy, Default)]
-struct Spot {
+struct ProxyResult {
     gathered: Gathered,
     account: Lent,
     is_wanted: bool,
@@ -65,32 +65,32 @@ pub(super) struct Proxies {
     states: Vec<RayState>,
     errors: Vec<RayError>,
     /// Row by row.
-    spots: Vec<Spot>,
+    results: Vec<ProxyResult>,
     /// The blocks with rays that need more.
     blocks: Vec<[u32; 2]>,
     /// What the tile's four corners have gathered since rays last took something; else none.
-    kept: Vec<Spot>,
+    kept: Vec<ProxyResult>,
 }
 
 impl Proxies {
     /// Corners of the finest lattice.
-    const SPOTS: usize = ((TILE_SIDE / NEAREST) as usize + 1).pow(2);
+    const RESULTS: usize = ((TILE_SIDE / NEAREST) as usize + 1).pow(2);
 
     /// Most heap bytes.
     pub(super) fn bytes() -> usize {
-        Self::SPOTS * (size_of::<Spot>() + size_of::<[u32; 2]>())
-            + CORNERS * size_of::<Spot>()
-            + MOST_BOARDING * (size_of::<RayState>() + size_of::<RayError>())
+        Self::RESULTS * (size_of::<ProxyResult>() + size_of::<[u32; 2]>())
+            + CORNERS * size_of::<ProxyResult>()
+            + MOST_ENTERING * (size_of::<RayState>() + size_of::<RayError>())
     }
 
     /// Takes the memory, once.
     fn reserve(&mut self) {
-        let Self { states, errors, spots, blocks, kept } = self;
+        let Self { states, errors, results, blocks, kept } = self;
         kept.reserve_exact(CORNERS.saturating_sub(kept.len()));
-        states.reserve_exact(MOST_BOARDING.saturating_sub(states.len()));
-        errors.reserve_exact(MOST_BOARDING.saturating_sub(errors.len()));
-        spots.reserve_exact(Self::SPOTS.saturating_sub(spots.len()));
-        blocks.reserve_exact(Self::SPOTS.saturating_sub(blocks.len()));
+        states.reserve_exact(MOST_ENTERING.saturating_sub(states.len()));
+        errors.reserve_exact(MOST_ENTERING.saturating_sub(errors.len()));
+        results.reserve_exact(Self::RESULTS.saturating_sub(results.len()));
+        blocks.reserve_exact(Self::RESULTS.saturating_sub(blocks.len()));
     }
 
     /// Forgets what corners have gathered for other rays.
@@ -100,13 +100,13 @@ impl Proxies {
 
     /// How far a block's rays may be off.
     fn account(&self, corners: [usize; 4]) -> Lent {
-        let [a, b, c, d] = corners.map(|corner| &self.spots[corner].account);
+        let [a, b, c, d] = corners.map(|corner| &self.results[corner].account);
         a.max(b).max(c).max(d)
     }
 
     /// What rays at both ends of a block's row gather, which is `v` of its edge below its upper one.
     fn row(&self, corners: [usize; 4], v: f64) -> [Gathered; 2] {
-        let [a, b, c, d] = corners.map(|corner| self.spots[corner].gathered);
+        let [a, b, c, d] = corners.map(|corner| self.results[corner].gathered);
         [between(a, c, v), between(b, d, v)]
     }
 }
@@ -176,20 +176,20 @@ impl Tile {
 
     /// Finds the blocks with rays in `pixels` that need more, and the corners of these.
     fn choose(&mut self, lattice: Lattice, pixels: &PixelRect) {
-        let mut spots = std::mem::take(&mut self.proxies.spots);
-        spots.clear();
-        spots.resize(lattice.spots(), Spot::default());
+        let mut results = std::mem::take(&mut self.proxies.results);
+        results.clear();
+        results.resize(lattice.results(), ProxyResult::default());
         self.proxies.blocks.clear();
         for block in lattice.blocks() {
             let rect = lattice.pixels(block).intersection(pixels);
             if self.open(rect).next().is_some() {
                 self.proxies.blocks.push(block);
                 for corner in lattice.corners(block) {
-                    spots[corner].is_wanted = true;
+                    results[corner].is_wanted = true;
                 }
             }
         }
-        self.proxies.spots = spots;
+        self.proxies.results = results;
     }
 
     fn march_proxies(
@@ -201,37 +201,37 @@ impl Tile {
     ) -> u64 {
         let half: DVec2 = grid.pixel_size() * f64::from(lattice.apart);
         let (mut samples, mut next) = (0, 0);
-        while next < self.proxies.spots.len() {
+        while next < self.proxies.results.len() {
             let first = next;
-            while next < self.proxies.spots.len() && self.boarding.len() < MOST_BOARDING {
-                if self.proxies.spots[next].is_wanted {
+            while next < self.proxies.results.len() && self.entering.len() < MOST_ENTERING {
+                if self.proxies.results[next].is_wanted {
                     let ray = frame.ray(grid.plane_at(lattice.place(next)));
                     self.beams.push(beam_of_proxy(frame, &ray, half));
-                    self.boarding.push(Passenger { index: self.boarding.len(), ray });
+                    self.entering.push(TileRay { index: self.entering.len(), ray });
                 }
                 next += 1;
             }
-            let Proxies { states, errors, spots, .. } = &mut self.proxies;
+            let Proxies { states, errors, results, .. } = &mut self.proxies;
             states.clear();
-            states.resize(self.boarding.len(), RayState::behind(transmittance));
+            states.resize(self.entering.len(), RayState::behind(transmittance));
             errors.clear();
-            errors.resize(self.boarding.len(), RayError::default());
-            let rays = (&self.boarding[..], Accounts::Proxies(&self.beams));
+            errors.resize(self.entering.len(), RayError::default());
+            let rays = (&self.entering[..], Accounts::Proxies(&self.beams));
             samples += self.packets.march(passage, light, rays, &mut Rays { states, errors });
-            let wanted = spots[first..next].iter_mut().filter(|spot| spot.is_wanted);
-            let rays = self.boarding.iter().zip(&self.beams);
-            for (spot, ((state, error), (Passenger { ray, .. }, beam))) in
+            let wanted = results[first..next].iter_mut().filter(|result| result.is_wanted);
+            let rays = self.entering.iter().zip(&self.beams);
+            for (result, ((state, error), (TileRay { ray, .. }, beam))) in
                 wanted.zip(states.iter().zip(errors.iter_mut()).zip(rays))
             {
                 let ends = [transmittance, state.transmittance];
                 let [apart, bent] = at_faces(passage, ray, beam, ends);
                 error.farthest = error.farthest.plus(apart);
                 error.uneven = error.uneven.plus(bent);
-                *spot = Spot::of(state, error, transmittance);
-                spot.is_done = state.is_done(&light.ending);
-                spot.stretch(frame, ray, half);
+                *result = ProxyResult::of(state, error, transmittance);
+                result.is_done = state.is_done(&light.ending);
+                result.stretch(frame, ray, half);
             }
-            self.boarding.clear();
+            self.entering.clear();
             self.beams.clear();
         }
         samples
@@ -259,7 +259,8 @@ impl Tile {
             let off = account.apart.light(behind) * transmittance;
             // Rays that take from some which have ended early, and do not end themselves, would not know
             // what they miss.
-            let done = corners.iter().filter(|corner| self.proxies.spots[**corner].is_done).count();
+            let done =
+                corners.iter().filter(|corner| self.proxies.results[**corner].is_done).count();
             let rect = lattice.pixels(block);
             let within = self.within(&rect);
             let is_close = off <= self.spent.left_for_all(&within, room);
@@ -281,16 +282,17 @@ impl Tile {
 
     /// All rays of the tile will take what its corners have gathered in this brick.
     fn keep(&mut self, corners: [usize; CORNERS], light: &Light<'_>) {
-        let Proxies { kept, spots, .. } = &mut self.proxies;
+        let Proxies { kept, results, .. } = &mut self.proxies;
         if kept.is_empty() {
-            kept.extend(corners.map(|corner| spots[corner]));
+            kept.extend(corners.map(|corner| results[corner]));
         } else {
-            for (spot, corner) in kept.iter_mut().zip(corners) {
-                *spot = spot.then(&spots[corner]);
+            for (result, corner) in kept.iter_mut().zip(corners) {
+                *result = result.then(&results[corner]);
             }
         }
-        let is_clear =
-            |spot: &Spot| spot.gathered[THROUGH] >= CLEAR && spot.account.apart.extinction <= ALIKE;
+        let is_clear = |result: &ProxyResult| {
+            result.gathered[THROUGH] >= CLEAR && result.account.apart.extinction <= ALIKE
+        };
         if !kept.iter().all(is_clear) {
             self.settle(light);
         }
@@ -303,16 +305,16 @@ impl Tile {
         if self.proxies.kept.is_empty() {
             return;
         }
-        let Proxies { kept, spots, .. } = &mut self.proxies;
-        std::mem::swap(kept, spots);
+        let Proxies { kept, results, .. } = &mut self.proxies;
+        std::mem::swap(kept, results);
         let rect = self.rect;
         let lattice = Lattice::over(&rect, &rect, TILE_SIDE);
         let (corners, block) = (lattice.corners([0; 2]), lattice.pixels([0; 2]));
         let mut account = self.proxies.account(corners);
         account.cancel();
         self.lend_block((block, &rect), (corners, &account), light);
-        let Proxies { kept, spots, .. } = &mut self.proxies;
-        std::mem::swap(kept, spots);
+        let Proxies { kept, results, .. } = &mut self.proxies;
+        std::mem::swap(kept, results);
         kept.clear();
         self.served.fill(0);
     }
@@ -362,7 +364,7 @@ fn beam_of_proxy(frame: &Frame, ray: &LocalRay, half: DVec2) -> Beam {
     Beam { spread: spread.to_array(), bend: [0.0; 3], angle: 0.0, ..beam(frame, ray, half, 1.0) }
 }
 
-impl Spot {
+impl ProxyResult {
     fn of(state: &RayState, error: &RayError, transmittance: f64) -> Self {
         let seen = transmittance.recip();
         let absorbed = (transmittance - state.transmittance) + state.transmittance_excess;

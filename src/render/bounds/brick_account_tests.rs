@@ -14,7 +14,7 @@ use crate::render::brick::scaled::ScaledBrick;
 use crate::render::camera::frame::{Footprint, Frame};
 use crate::render::camera::rays::{PixelGrid, Square};
 use crate::render::camera::view::View;
-use crate::render::march::packets::{Accounts, Packets, Passenger, Rays};
+use crate::render::march::packets::{Accounts, Packets, Rays, TileRay};
 use crate::render::march::ray::{Light, Passage, Region, march};
 use crate::render::march::ray_state::{Ending, RayState};
 use crate::render::march::ray_tests::{shells, smooth, steps, transfer};
@@ -120,7 +120,7 @@ impl<'s> Stage<'s> {
                 let cells = (frame.cell_width.length(), Care::Rough);
                 if way == Way::InPackets && packets.enter(&passage, light, cells, true) {
                     let mut film = Rays { states: &mut states, errors: &mut errors };
-                    let rays = (&[Passenger { index: 0, ray }][..], Accounts::Squares(&[beam]));
+                    let rays = (&[TileRay { index: 0, ray }][..], Accounts::Squares(&[beam]));
                     packets.march(&passage, light, rays, &mut film);
                 } else {
                     march(&passage, &ray, light, &mut states[0], Some((&mut errors[0], &beam)));

@@ -1,7 +1,7 @@
 //! What is known of a picture before it is drawn: about how bright it is, which makes its goal, and
 //! whether bounds of its pixels' areas can be brought within that.
 
-use super::{FIRST_TRY, Studio, into_inner, lock, worst};
+use super::{FIRST_TRY, Renderer, into_inner, lock, worst};
 use crate::Result;
 use crate::cache::Header;
 use crate::render::camera::rays::PixelGrid;
@@ -32,7 +32,7 @@ const OUTLOOK_RAYS: u64 = 5;
 /// tolerance that is tried allows for that, and for a little more.
 const SURE: f64 = 0.97;
 
-impl Studio<'_> {
+impl Renderer<'_> {
     /// The goal by glances, before anything is known of pixels' areas.
     pub(super) fn first_goal(
         &self,

@@ -18,7 +18,7 @@ use super::plan::census::Census;
 use super::plan::cut::{Cut, FootprintCut};
 use super::plan::effort::Effort;
 use super::plan::goal::{Goal, TileError};
-use super::plan::tree_walk::{FieldIndex, Scenery, Walk};
+use super::plan::tree_walk::{FieldIndex, Walk, WalkContext};
 use super::transfer::pieces::{PieceList, TransferPieces};
 use super::transfer::shading::Shading;
 use super::transfer::table::TransferTable;
@@ -39,7 +39,7 @@ pub(super) struct Outcome {
 }
 
 /// What all attempts at a picture share.
-pub(super) struct Studio<'s> {
+pub(super) struct Renderer<'s> {
     pub(super) cache: &'s Cache,
     pub(super) scene: &'s Scene,
     pub(super) shading: &'s Shading,
@@ -94,7 +94,7 @@ impl State {
     }
 }
 
-impl<'s> Studio<'s> {
+impl<'s> Renderer<'s> {
     /// By settings that ask nothing of the error.
     pub(super) fn by_hand(
         &self,
@@ -263,7 +263,7 @@ impl<'s> Studio<'s> {
                 ending: Ending::new(brightest, ENDING_SHARE * allowed.unwrap_or(0.0)),
                 packets: None,
             },
-            scenery: self.scenery(pixels, pieces),
+            context: self.context(pixels, pieces),
             method,
             exact: &self.exact.all,
             pool: self.pool,
@@ -278,8 +278,8 @@ impl<'s> Studio<'s> {
         })
     }
 
-    fn scenery<'p>(&'p self, pixels: &'p PixelGrid, bounds: &'p PieceList) -> Scenery<'p> {
-        Scenery {
+    fn context<'p>(&'p self, pixels: &'p PixelGrid, bounds: &'p PieceList) -> WalkContext<'p> {
+        WalkContext {
             header: self.cache.header(),
             view: pixels.view(),
             pixels,
@@ -291,9 +291,9 @@ impl<'s> Studio<'s> {
 
     /// One walk of the index over the whole picture.
     fn census(&self, pixels: &PixelGrid, cut: &Cut, bounds: &PieceList) -> Result<Census> {
-        let scenery = self.scenery(pixels, bounds);
+        let context = self.context(pixels, bounds);
         let mut index = FieldIndex { cursor: self.cache.cursor(), field: self.shading.field };
-        let mut walk = Walk::new(&scenery, &mut index, Census::default(), cut, pixels.whole());
+        let mut walk = Walk::new(&context, &mut index, Census::default(), cut, pixels.whole());
         while walk.next(|_, _| 1.0)?.is_some() {}
         Ok(walk.into_tally())
     }

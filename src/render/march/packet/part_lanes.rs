@@ -4,7 +4,7 @@
 use crate::lanes::{Lanes, MOST_LANES, Row};
 
 /// Which ray's part is in which lane. All parts of a ray are side by side, as far as there is room.
-pub(super) struct Deal<L: Lanes> {
+pub(super) struct PartLanes<L: Lanes> {
     /// The lanes whose rays take part, one bit each.
     pub(super) rays: u32,
     /// Parts of a ray at a time.
@@ -19,7 +19,7 @@ pub(super) struct Deal<L: Lanes> {
     firsts: u32,
 }
 
-impl<L: Lanes> Deal<L> {
+impl<L: Lanes> PartLanes<L> {
     /// Deals so many parts of each of the first rays in `lanes`, of which there is one at least.
     #[inline(always)]
     pub(super) fn new(l: L, lanes: u32, parts: u32) -> Self {
@@ -106,7 +106,7 @@ mod tests {
 
         #[inline(always)]
         fn run<L: Lanes>(self, l: L) -> Found {
-            let deal = Deal::new(l, self.lanes & ((1 << L::COUNT) - 1), self.parts);
+            let deal = PartLanes::new(l, self.lanes & ((1 << L::COUNT) - 1), self.parts);
             let lanes = l.load(&Row(from_fn(|n| n as f32)));
             let (before, depths) = (l.load(&Row(self.before)), l.load(&Row(self.depths)));
             let mut parts = Vec::new();

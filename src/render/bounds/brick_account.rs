@@ -16,7 +16,7 @@ use crate::render::transfer::span::Span;
 /// its slopes tell, and opposite places of the square cancel but for the slopes' unevenness.
 /// Where the other may have left the brick or not yet entered it, each brick answers for the way
 /// inside itself.
-pub(crate) struct Ledger<'a> {
+pub(crate) struct BrickAccount<'a> {
     relief: &'a Relief,
     error: &'a mut RayError,
     /// Whether children are hidden by the brick.
@@ -59,7 +59,7 @@ struct Shift {
 
 const NO_GROUP: usize = usize::MAX;
 
-impl<'a> Ledger<'a> {
+impl<'a> BrickAccount<'a> {
     /// An account of a ray through a brick, for a square whose rays are up to `spread` away.
     pub(crate) fn new(
         relief: &'a Relief,

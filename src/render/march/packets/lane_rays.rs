@@ -1,6 +1,6 @@
 //! Where a packet's rays come into a brick, worked out for all lanes at once, in f64.
 
-use super::Passenger;
+use super::TileRay;
 use crate::lanes::{Kernel, Lanes, MOST_LANES};
 use crate::render::camera::frame::LocalRay;
 use crate::render::march::packet::{ORIGIN_STEP, Packet};
@@ -15,7 +15,7 @@ type Row = [f64; MOST_LANES];
 /// A packet's rays, lane by lane, as [`LocalRay`] has them.
 #[derive(Debug)]
 #[repr(align(64))]
-pub(super) struct Seats {
+pub(super) struct LaneRays {
     origin: [Row; 3],
     direction: [Row; 3],
     length: Row,
@@ -27,8 +27,8 @@ pub(super) struct Seats {
     unit: Row,
 }
 
-impl Seats {
-    /// Seats that hold rays without meaning, all of whose numbers are finite.
+impl LaneRays {
+    /// Lanes that hold rays without meaning, all of whose numbers are finite.
     pub(super) fn new() -> Self {
         let [zero, one] = [0.0, 1.0].map(|x| [x; MOST_LANES]);
         Self {
@@ -43,8 +43,8 @@ impl Seats {
     }
 
     /// Takes in rays, as many as there are lanes at most.
-    pub(super) fn take(&mut self, rays: &[Passenger]) {
-        for (lane, Passenger { ray, .. }) in rays.iter().enumerate().take(MOST_LANES) {
+    pub(super) fn take(&mut self, rays: &[TileRay]) {
+        for (lane, TileRay { ray, .. }) in rays.iter().enumerate().take(MOST_LANES) {
             for a in 0..3 {
                 self.origin[a][lane] = ray.origin[a];
                 self.direction[a][lane] = ray.direction[a];
@@ -82,7 +82,7 @@ impl Seats {
 
 /// Sets all lanes to where their rays come into a brick, and to their directions. Its output has
 /// the lanes that meet it; others are set to anything that is a number.
-pub(super) struct SetOff<'s> {
+pub(super) struct EnterBrick<'s> {
     /// What of the brick is drawn.
     pub(super) region: &'s Region,
     /// The cells that rays walk through.
@@ -90,26 +90,26 @@ pub(super) struct SetOff<'s> {
     /// How far before the brick number 0 of these begins, cells.
     pub(super) shift: f64,
     /// The rays; where each enters and leaves is set here.
-    pub(super) seats: &'s mut Seats,
+    pub(super) lane_rays: &'s mut LaneRays,
     /// The packet that is set off.
     pub(super) packet: &'s mut Packet,
     /// How many lanes there are rays for.
     pub(super) count: usize,
 }
 
-impl Kernel for SetOff<'_> {
+impl Kernel for EnterBrick<'_> {
     type Output = u32;
 
     #[inline(always)]
     fn run<L: Lanes>(self, _lanes: L) -> u32 {
-        let Self { region, range, shift, seats, packet, count } = self;
-        let met = clip::<L>(region, seats);
+        let Self { region, range, shift, lane_rays, packet, count } = self;
+        let met = clip::<L>(region, lane_rays);
         for a in 0..3 {
             let ends = [range.lo[a], range.hi[a]].map(f64::from);
-            set_axis::<L>((ends, shift), seats, packet, a);
+            set_axis::<L>((ends, shift), lane_rays, packet, a);
         }
         for lane in 0..L::COUNT {
-            let end = split((seats.to[lane] - seats.from[lane]) / seats.unit[lane]);
+            let end = split((lane_rays.to[lane] - lane_rays.from[lane]) / lane_rays.unit[lane]);
             packet.end[0].0[lane] = end[0];
             packet.end[1].0[lane] = end[1];
             packet.t[0].0[lane] = 0.0;
@@ -122,13 +122,13 @@ impl Kernel for SetOff<'_> {
 /// Finds `from`, `to` and `unit` of all rays; returns which of them meet the region, as
 /// [`crate::render::march::walk::clip`] has it.
 #[inline(always)]
-fn clip<L: Lanes>(region: &Region, seats: &mut Seats) -> u32 {
-    let (mut from, mut to) = (seats.sigma_min, [f64::INFINITY; MOST_LANES]);
+fn clip<L: Lanes>(region: &Region, lane_rays: &mut LaneRays) -> u32 {
+    let (mut from, mut to) = (lane_rays.sigma_min, [f64::INFINITY; MOST_LANES]);
     let mut most = [0.0; MOST_LANES];
     for a in 0..3 {
         let (lo, hi) = (region.lo[a], region.hi[a]);
         for lane in 0..L::COUNT {
-            let (origin, direction) = (seats.origin[a][lane], seats.direction[a][lane]);
+            let (origin, direction) = (lane_rays.origin[a][lane], lane_rays.direction[a][lane]);
             let inverse = 1.0 / direction;
             let (s, t) = ((lo - origin) * inverse, (hi - origin) * inverse);
             // Along an axis without motion all of the ray is between the planes, or nothing.
@@ -146,9 +146,9 @@ fn clip<L: Lanes>(region: &Region, seats: &mut Seats) -> u32 {
     for lane in 0..L::COUNT {
         let is_finite = (to[lane] < f64::INFINITY) & (from[lane] > f64::NEG_INFINITY);
         let meets = (from[lane] < to[lane]) & is_finite;
-        seats.from[lane] = if meets { from[lane] } else { 0.0 };
-        seats.to[lane] = if meets { to[lane] } else { 0.0 };
-        seats.unit[lane] = 1.0 / most[lane];
+        lane_rays.from[lane] = if meets { from[lane] } else { 0.0 };
+        lane_rays.to[lane] = if meets { to[lane] } else { 0.0 };
+        lane_rays.unit[lane] = 1.0 / most[lane];
         met |= u32::from(meets) << lane;
     }
     met
@@ -158,20 +158,20 @@ fn clip<L: Lanes>(region: &Region, seats: &mut Seats) -> u32 {
 #[inline(always)]
 fn set_axis<L: Lanes>(
     ([lo, hi], shift): ([f64; 2], f64),
-    seats: &Seats,
+    lane_rays: &LaneRays,
     packet: &mut Packet,
     a: usize,
 ) {
     for lane in 0..L::COUNT {
-        let (origin, direction) = (seats.origin[a][lane], seats.direction[a][lane]);
-        let enters = origin + direction * seats.from[lane] + shift;
-        let leaves = origin + direction * seats.to[lane] + shift;
+        let (origin, direction) = (lane_rays.origin[a][lane], lane_rays.direction[a][lane]);
+        let enters = origin + direction * lane_rays.from[lane] + shift;
+        let leaves = origin + direction * lane_rays.to[lane] + shift;
         let cell = least(largest(enters.trunc(), lo), hi);
         // Between two planes a ray through constant cells is as good as one in the middle.
         let stays = (direction == 0.0) | is_between_planes(enters, leaves);
         let is_between = (shift == 0.0) & stays;
         let start = if is_between { cell + 0.5 } else { enters };
-        let along = if is_between { 0.0 } else { direction * seats.unit[lane] };
+        let along = if is_between { 0.0 } else { direction * lane_rays.unit[lane] };
         let coarse = rounded(start);
         packet.origin[0][a].0[lane] = coarse as f32;
         packet.origin[1][a].0[lane] = (start - coarse) as f32;
@@ -261,21 +261,21 @@ mod tests {
             let shift = if is_dual { DUAL_SHIFT } else { 0.0 };
             let range = CellRange::of(&region, shift);
             for width in Width::all() {
-                let (mut seats, mut packet) = (Seats::new(), Packet::new());
+                let (mut lane_rays, mut packet) = (LaneRays::new(), Packet::new());
                 let rays = &rays[..rays.len().min(width.count())];
-                let passenger = |(index, &ray)| Passenger { index, ray };
-                seats.take(&rays.iter().enumerate().map(passenger).collect::<Vec<_>>());
+                let tile_ray = |(index, &ray)| TileRay { index, ray };
+                lane_rays.take(&rays.iter().enumerate().map(tile_ray).collect::<Vec<_>>());
                 let (region, range, count) = (&region, &range, rays.len());
-                let (all, rows) = (&mut seats, &mut packet);
+                let (all, rows) = (&mut lane_rays, &mut packet);
                 let met =
-                    width.run(SetOff { region, range, shift, seats: all, packet: rows, count });
+                    width.run(EnterBrick { region, range, shift, lane_rays: all, packet: rows, count });
                 prop_assert_eq!(met >> count, 0);
                 for (lane, ray) in rays.iter().enumerate() {
-                    prop_assert_eq!(seats.ray(lane), *ray);
+                    prop_assert_eq!(lane_rays.ray(lane), *ray);
                     let span = clip(ray, lo, hi);
                     prop_assert_eq!(met >> lane & 1 == 1, span.is_some());
                     let Some(span) = span else { continue };
-                    prop_assert_eq!(seats.span(lane), span);
+                    prop_assert_eq!(lane_rays.span(lane), span);
                     check_start(&packet, lane, (ray, span), (range, shift))?;
                 }
             }

@@ -3,12 +3,12 @@
 
 use super::blended::{Along, Bends, Part, is_crooked};
 use super::cube::{Cube, Skew};
-use super::gain::{Steep, Stretch};
+use super::gain::{StorageSlopes, Stretch};
 use super::rows::is_less;
 use super::square::{Shift, Squares};
 use super::sums::Sums;
 use super::walk::Walk;
-use super::{Ground, Packet, UNFIT, add_off, go_on, unpacked};
+use super::{Packet, PacketBrick, UNFIT, add_off, go_on, unpacked};
 use crate::lanes::Lanes;
 use crate::render::brick::scaled::dual;
 
@@ -17,24 +17,24 @@ use crate::render::brick::scaled::dual;
 #[inline(always)]
 pub(super) fn march<L: Lanes, const ABSORBS: bool, const BLENDED: bool>(
     l: L,
-    ground: &Ground<'_>,
+    brick: &PacketBrick<'_>,
     packet: &mut Packet,
 ) {
-    let mut journey = Journey::new(l, ground, packet);
+    let mut state = PacketMarch::new(l, brick, packet);
     loop {
-        let cell = journey.look::<BLENDED>();
-        if l.bits(journey.active) == 0 {
+        let cell = state.look::<BLENDED>();
+        if l.bits(state.active) == 0 {
             break;
         }
-        journey.pass::<ABSORBS, BLENDED>(&cell);
+        state.pass::<ABSORBS, BLENDED>(&cell);
     }
-    journey.end();
+    state.end();
 }
 
 /// Rays on their way.
-struct Journey<'m, L: Lanes> {
+struct PacketMarch<'m, L: Lanes> {
     l: L,
-    ground: &'m Ground<'m>,
+    brick: &'m PacketBrick<'m>,
     packet: &'m mut Packet,
     walk: Walk<L>,
     bends: Bends<L>,
@@ -52,19 +52,19 @@ struct Journey<'m, L: Lanes> {
 /// The cells that rays have come to.
 struct Place<L: Lanes> {
     group: L::Index,
-    /// What is known of the group, as [`Ground::rows`] has it.
+    /// What is known of the group, as [`PacketBrick::rows`] has it.
     row: [L::Float; 8],
     /// Their numbers among dual cells.
     duals: L::Index,
 }
 
-impl<'m, L: Lanes> Journey<'m, L> {
+impl<'m, L: Lanes> PacketMarch<'m, L> {
     #[inline(always)]
-    fn new(l: L, ground: &'m Ground<'m>, packet: &'m mut Packet) -> Self {
-        let walk = Walk::new(l, ground, packet);
+    fn new(l: L, brick: &'m PacketBrick<'m>, packet: &'m mut Packet) -> Self {
+        let walk = Walk::new(l, brick, packet);
         Self {
             l,
-            ground,
+            brick,
             bends: Bends::new(l, walk.direction()),
             skew: Skew::new(l, walk.direction()),
             walk,
@@ -82,13 +82,13 @@ impl<'m, L: Lanes> Journey<'m, L> {
     /// Finds the cells that rays have come to, and stops those that may not pass theirs.
     #[inline(always)]
     fn look<const BLENDED: bool>(&mut self) -> Place<L> {
-        let Self { l, ground, .. } = *self;
-        let group = self.walk.group(ground.groups);
-        let row = l.gather_row(ground.rows, group);
+        let Self { l, brick, .. } = *self;
+        let group = self.walk.group(brick.groups);
+        let row = l.gather_row(brick.rows, group);
         let mut unfit = l.is_index(l.bits_of(row[4]), UNFIT);
-        let duals = self.walk.index(l.splat((ground.side - 1) as f32));
-        if !ground.kinds.is_empty() {
-            let kind = l.gather_bytes(ground.kinds, duals);
+        let duals = self.walk.index(l.splat((brick.side - 1) as f32));
+        if !brick.kinds.is_empty() {
+            let kind = l.gather_bytes(brick.kinds, duals);
             let expected = if BLENDED { dual::BLENDED } else { dual::PLAIN };
             let fit = l.without(l.is_index(kind, u32::from(expected)), unfit);
             unfit = l.without(l.mask(!0), fit);
@@ -102,9 +102,9 @@ impl<'m, L: Lanes> Journey<'m, L> {
     /// Passes the cells at `place`, and goes on to the next.
     #[inline(always)]
     fn pass<const ABSORBS: bool, const BLENDED: bool>(&mut self, place: &Place<L>) {
-        let Self { l, ground, active, .. } = *self;
-        let side = l.splat(ground.side as f32);
-        let cube = Cube::new(l, (ground.values, ground.side), self.walk.index(side));
+        let Self { l, brick, active, .. } = *self;
+        let side = l.splat(brick.side as f32);
+        let cube = Cube::new(l, (brick.values, brick.side), self.walk.index(side));
         self.walk.locate();
         let exit = self.walk.exit(self.walk.planes());
         let way = l.select(active, exit.way, l.splat(0.0));
@@ -137,10 +137,10 @@ impl<'m, L: Lanes> Journey<'m, L> {
     /// How far other rays of squares are, if rays stand for such.
     #[inline(always)]
     fn shift<const BLENDED: bool>(&self, place: &Place<L>, way: L::Float) -> Shift<L> {
-        if self.ground.reliefs.is_empty() {
+        if self.brick.reliefs.is_empty() {
             return Shift::none(self.l);
         }
-        self.squares.shift(self.l, self.ground, (&self.walk, way, place.group), BLENDED)
+        self.squares.shift(self.l, self.brick, (&self.walk, way, place.group), BLENDED)
     }
 
     /// Passes cells whose interpolant is the level's own.
@@ -149,12 +149,12 @@ impl<'m, L: Lanes> Journey<'m, L> {
         &mut self,
         stretch: &Stretch<'_, L>,
         shift: &Shift<L>,
-    ) -> Steep<L> {
-        let Self { l, ground, active, .. } = *self;
-        let passed = self.sums.pass::<ABSORBS>(l, ground, (self.allowed, active), stretch);
+    ) -> StorageSlopes<L> {
+        let Self { l, brick, active, .. } = *self;
+        let passed = self.sums.pass::<ABSORBS>(l, brick, (self.allowed, active), stretch);
         self.packet.count += passed.count;
-        if !ground.reliefs.is_empty() {
-            shift.add::<ABSORBS>(l, ground, self.packet, (&passed, stretch.way), active);
+        if !brick.reliefs.is_empty() {
+            shift.add::<ABSORBS>(l, brick, self.packet, (&passed, stretch.way), active);
         }
         passed.steep
     }
@@ -166,11 +166,11 @@ impl<'m, L: Lanes> Journey<'m, L> {
         stretch: &Stretch<'_, L>,
         duals: L::Index,
         shift: &Shift<L>,
-    ) -> Steep<L> {
-        let Self { l, ground, active, allowed, .. } = *self;
+    ) -> StorageSlopes<L> {
+        let Self { l, brick, active, allowed, .. } = *self;
         let (zero, way) = (l.splat(0.0), stretch.way);
-        let mut steep = Steep::none(l);
-        let exists = l.gather_bytes(ground.corners, duals);
+        let mut steep = StorageSlopes::none(l);
+        let exists = l.gather_bytes(brick.corners, duals);
         let crooked = l.and(active, is_crooked(l, exists));
         let (mut from, mut ahead) = (zero, active);
         while l.bits(ahead) != 0 {
@@ -178,13 +178,13 @@ impl<'m, L: Lanes> Journey<'m, L> {
             let length = l.max(l.select(ahead, l.sub(to, from), zero), zero);
             let middle = self.walk.behind(l.fma(length, l.splat(0.5), from));
             let along = Along { from: self.walk.behind(from), middle, length, skew: &self.skew };
-            let part = Part::new(l, ground, (&self.walk.cell, exists, ahead), along);
+            let part = Part::new(l, brick, (&self.walk.cell, exists, ahead), along);
             let bend = stretch.cube.bend(l, &self.skew, (along.from, length));
             let stretch = Stretch { bend, part: Some(&part), from, way: length, ..*stretch };
-            let passed = self.sums.pass::<ABSORBS>(l, ground, (allowed, ahead), &stretch);
+            let passed = self.sums.pass::<ABSORBS>(l, brick, (allowed, ahead), &stretch);
             self.packet.count += passed.count;
-            if !ground.reliefs.is_empty() {
-                shift.add::<ABSORBS>(l, ground, self.packet, (&passed, length), ahead);
+            if !brick.reliefs.is_empty() {
+                shift.add::<ABSORBS>(l, brick, self.packet, (&passed, length), ahead);
             }
             steep.add::<ABSORBS>(l, &passed.steep);
             ahead = l.and(ahead, is_less(l, to, way));
@@ -199,15 +199,15 @@ impl<'m, L: Lanes> Journey<'m, L> {
         &mut self,
         place: &Place<L>,
         Stretch { way, stored, .. }: &Stretch<'_, L>,
-        mut steep: Steep<L>,
+        mut steep: StorageSlopes<L>,
     ) {
-        let Self { l, ground, active, .. } = *self;
-        if !ground.levels.is_empty() {
-            let levels = l.bits_of(place.row[if ground.are_proxies { 6 } else { 5 }]);
+        let Self { l, brick, active, .. } = *self;
+        if !brick.levels.is_empty() {
+            let levels = l.bits_of(place.row[if brick.are_proxies { 6 } else { 5 }]);
             let rates = unpacked(l, levels, active);
             self.sums.levels = add_off::<L, ABSORBS>(l, self.sums.levels, rates, steep.lit, *way);
         }
-        if ground.are_proxies {
+        if brick.are_proxies {
             // Others' values are not those that were met.
             steep.slopes = [l.splat(f32::MAX); 3];
         }
@@ -230,7 +230,7 @@ fn add_stored<L: Lanes, const ABSORBS: bool>(
     l: L,
     mut sums: [L::Float; 3],
     (row, active): ([L::Float; 4], L::Mask),
-    Steep { lit, slopes }: &Steep<L>,
+    StorageSlopes { lit, slopes }: &StorageSlopes<L>,
     way: L::Float,
 ) -> [L::Float; 3] {
     let [emission, extinction, ..] = row;

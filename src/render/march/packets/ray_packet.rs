@@ -1,14 +1,14 @@
 //! A packet on its way through a brick: rays board it, and get what it has gathered for them.
 
 use super::cell_walk::CellWalk;
-use super::seats::{Seats, SetOff, split};
-use super::{Accounts, Passenger, Place, Rays, lanes};
+use super::lane_rays::{EnterBrick, LaneRays, split};
+use super::{Accounts, Place, Rays, TileRay, lanes};
 use crate::lanes::{MOST_LANES, Row, Width};
-use crate::render::bounds::ledger::Ledger;
+use crate::render::bounds::brick_account::BrickAccount;
 use crate::render::bounds::ray_error::{RayError, Sums};
 use crate::render::march::absorb::Integrator;
 use crate::render::march::linear::pass_dual_cell;
-use crate::render::march::packet::{Ground, March, Packet, SLACK};
+use crate::render::march::packet::{March, Packet, PacketBrick, SLACK};
 use crate::render::march::ray::{Beam, Spread, arrive, leave, march, spread_of};
 use crate::render::march::ray_state::RayState;
 
@@ -17,33 +17,33 @@ const ROUNDED_UP: f64 = 1.0 + 1e-5;
 
 /// A packet and whose rays are in its lanes.
 #[derive(Debug)]
-pub(super) struct Cabin {
+pub(super) struct RayPacket {
     packet: Packet,
-    seats: Seats,
+    lane_rays: LaneRays,
     /// The squares that rays stand for, if they do, of all lanes.
-    squares: Vec<Aboard>,
+    squares: Vec<LaneSquare>,
     /// Whether rays are marched in place of others.
     are_proxies: bool,
 }
 
 /// A square whose ray is in a lane: how far it is spread, and its account at the start.
 #[derive(Debug)]
-struct Aboard {
+struct LaneSquare {
     beam: Beam,
     spread: Spread,
     before: RayError,
 }
 
-impl Cabin {
+impl RayPacket {
     /// An empty packet.
     pub(super) fn new() -> Self {
         let squares = Vec::with_capacity(MOST_LANES);
-        Self { packet: Packet::new(), seats: Seats::new(), squares, are_proxies: false }
+        Self { packet: Packet::new(), lane_rays: LaneRays::new(), squares, are_proxies: false }
     }
 
     /// Most heap bytes.
     pub(super) fn bytes() -> usize {
-        MOST_LANES * size_of::<Aboard>()
+        MOST_LANES * size_of::<LaneSquare>()
     }
 
     /// Takes rays, as many as there are lanes at most, through the brick. Returns the number of
@@ -51,38 +51,38 @@ impl Cabin {
     pub(super) fn travel(
         &mut self,
         place: &Place<'_>,
-        (ground, width, all_plain): (&Ground<'_>, Width, bool),
-        (rays, accounts): (&[Passenger], Accounts<'_>),
+        (brick, width, all_plain): (&PacketBrick<'_>, Width, bool),
+        (rays, accounts): (&[TileRay], Accounts<'_>),
         film: &mut Rays<'_>,
     ) -> u64 {
         let mut single = self.board(place, width, (rays, accounts), film);
-        let aboard = self.packet.active;
-        if all_plain && aboard != 0 {
-            width.run(March { ground, packet: &mut self.packet, blended: false });
+        let entered = self.packet.active;
+        if all_plain && entered != 0 {
+            width.run(March { brick, packet: &mut self.packet, blended: false });
         }
         let has_accounts = accounts.are_kept();
         while self.packet.active != 0 {
             for blended in [false, true] {
-                self.go(ground, width, blended);
+                self.go(brick, width, blended);
             }
             if self.are_proxies {
-                self.give_up(ground, rays, film);
+                self.give_up(brick, rays, film);
             }
             for lane in lanes(self.packet.active) {
-                if ground.fit(self.packet.cell(lane)).is_none() {
+                if brick.fit(self.packet.cell(lane)).is_none() {
                     let index = rays[lane].index;
                     self.settle(place, (lane, index), has_accounts, film);
                     self.clear(place, lane, &film.states[index]);
-                    single += self.pass_alone(place, ground, (lane, index), has_accounts, film);
+                    single += self.pass_alone(place, brick, (lane, index), has_accounts, film);
                 }
             }
         }
-        for lane in lanes(aboard) {
+        for lane in lanes(entered) {
             let index = rays[lane].index;
             self.settle(place, (lane, index), has_accounts, film);
-            if let Some(Aboard { beam, before, .. }) = self.squares.get(lane) {
+            if let Some(LaneSquare { beam, before, .. }) = self.squares.get(lane) {
                 let (state, error) = (&mut film.states[index], &mut film.errors[index]);
-                leave(Some(self.seats.span(lane)), beam, state, (error, before));
+                leave(Some(self.lane_rays.span(lane)), beam, state, (error, before));
             }
         }
         self.packet.count + single
@@ -94,21 +94,21 @@ impl Cabin {
         &mut self,
         place: &Place<'_>,
         width: Width,
-        (rays, accounts): (&[Passenger], Accounts<'_>),
+        (rays, accounts): (&[TileRay], Accounts<'_>),
         film: &mut Rays<'_>,
     ) -> u64 {
-        let Self { packet, seats, squares, .. } = self;
+        let Self { packet, lane_rays, squares, .. } = self;
         squares.clear();
-        seats.take(rays);
+        lane_rays.take(rays);
         let Place { region, range, shift, .. } = place;
         let (shift, count) = (*shift, rays.len());
-        let met = width.run(SetOff { region, range, shift, seats, packet, count });
+        let met = width.run(EnterBrick { region, range, shift, lane_rays, packet, count });
         (packet.active, packet.count) = (met, 0);
         packet.clear_sums();
         let mut single = 0;
         self.are_proxies = matches!(accounts, Accounts::Proxies(_));
-        for (lane, (passenger, beam)) in rays.iter().zip(accounts.squares()).enumerate() {
-            single += self.take_square(place, (lane, passenger), beam, film);
+        for (lane, (tile_ray, beam)) in rays.iter().zip(accounts.squares()).enumerate() {
+            single += self.take_square(place, (lane, tile_ray), beam, film);
         }
         for lane in lanes(self.packet.active) {
             self.set_terms(place, lane, &film.states[rays[lane].index]);
@@ -121,11 +121,11 @@ impl Cabin {
     fn take_square(
         &mut self,
         place: &Place<'_>,
-        (lane, Passenger { index, ray }): (usize, &Passenger),
+        (lane, TileRay { index, ray }): (usize, &TileRay),
         beam: &Beam,
         film: &mut Rays<'_>,
     ) -> u64 {
-        let span = (self.packet.active >> lane & 1 == 1).then(|| self.seats.span(lane));
+        let span = (self.packet.active >> lane & 1 == 1).then(|| self.lane_rays.span(lane));
         let (state, error) = (&mut film.states[*index], &mut film.errors[*index]);
         let before = *error;
         let met = (&place.region, span);
@@ -151,16 +151,16 @@ impl Cabin {
             self.packet.bend[a].0[lane] = spread.bend[a] as f32;
         }
         self.packet.turn.0[lane] = (2.0 * spread.angle) as f32;
-        self.squares.push(Aboard { beam: *beam, spread, before });
+        self.squares.push(LaneSquare { beam: *beam, spread, before });
         single
     }
 
     /// Gives up proxies that have come to cells that are not fit for packets: the others for which
     /// they stand may be off by anything, since what those would find there is known for packets
     /// alone.
-    fn give_up(&mut self, ground: &Ground<'_>, rays: &[Passenger], film: &mut Rays<'_>) {
+    fn give_up(&mut self, brick: &PacketBrick<'_>, rays: &[TileRay], film: &mut Rays<'_>) {
         for lane in lanes(self.packet.active) {
-            if ground.fit(self.packet.cell(lane)).is_none() {
+            if brick.fit(self.packet.cell(lane)).is_none() {
                 film.errors[rays[lane].index].farthest = Sums::ANYTHING;
                 self.packet.active &= !(1 << lane);
             }
@@ -169,26 +169,26 @@ impl Cabin {
 
     /// Sets what a lane may be off by, and where it may end.
     fn set_terms(&mut self, place: &Place<'_>, lane: usize, state: &RayState) {
-        let length = self.seats.length(lane) * self.seats.unit(lane);
+        let length = self.lane_rays.length(lane) * self.lane_rays.unit(lane);
         let thickness = length * place.transfer.table.extinction;
         self.packet.thickness.0[lane] = thickness.min(f64::from(f32::MAX)) as f32;
         let seen = state.transmittance * length;
         let allowed = place.allowed / (seen * place.transfer.table.emission);
         self.packet.allowed.0[lane] = allowed.min(f64::from(f32::MAX)) as f32;
-        self.packet.fade.0[lane] = fade(state, place, &self.seats, lane);
+        self.packet.fade.0[lane] = fade(state, place, &self.lane_rays, lane);
     }
 
     /// Marches the rays that have come to plain cells, or to blended ones, as far as they go.
-    fn go(&mut self, ground: &Ground<'_>, width: Width, blended: bool) {
+    fn go(&mut self, brick: &PacketBrick<'_>, width: Width, blended: bool) {
         let all = self.packet.active;
         let ready = lanes(all)
-            .filter(|lane| ground.fit(self.packet.cell(*lane)) == Some(blended))
+            .filter(|lane| brick.fit(self.packet.cell(*lane)) == Some(blended))
             .fold(0, |ready, lane| ready | 1 << lane);
         if ready == 0 {
             return;
         }
         self.packet.active = ready;
-        width.run(March { ground, packet: &mut self.packet, blended });
+        width.run(March { brick, packet: &mut self.packet, blended });
         self.packet.active |= all & !ready;
     }
 
@@ -200,9 +200,9 @@ impl Cabin {
         has_account: bool,
         film: &mut Rays<'_>,
     ) {
-        let Self { packet, seats, .. } = self;
+        let Self { packet, lane_rays, .. } = self;
         let table = &place.transfer.table;
-        let length = seats.length(lane) * seats.unit(lane);
+        let length = lane_rays.length(lane) * lane_rays.unit(lane);
         let state = &mut film.states[index];
         let seen = state.transmittance * length;
         let sum = |row: &Row| f64::from(row.0[lane]);
@@ -236,7 +236,7 @@ impl Cabin {
 
     /// A lane whose sums were given to its ray begins anew.
     fn clear(&mut self, place: &Place<'_>, lane: usize, state: &RayState) {
-        self.packet.fade.0[lane] = fade(state, place, &self.seats, lane);
+        self.packet.fade.0[lane] = fade(state, place, &self.lane_rays, lane);
         self.packet.clear_lane(lane);
     }
 
@@ -244,22 +244,22 @@ impl Cabin {
     fn pass_alone(
         &mut self,
         place: &Place<'_>,
-        ground: &Ground<'_>,
+        brick: &PacketBrick<'_>,
         (lane, index): (usize, usize),
         accounts: bool,
         film: &mut Rays<'_>,
     ) -> u64 {
         let Place { passage, light, range, .. } = place;
         let (ray, span, unit) =
-            (self.seats.ray(lane), self.seats.span(lane), self.seats.unit(lane));
+            (self.lane_rays.ray(lane), self.lane_rays.span(lane), self.lane_rays.unit(lane));
         let from = (span.0 + self.packet.reached(lane) * unit).min(span.1);
         let mut walk = CellWalk::new(&ray, range, self.packet.cell(lane), (from, span.1));
         let relief = &passage.brick.relief;
         let (state, error) = (&mut film.states[index], &mut film.errors[index]);
         let spread = self.squares.get(lane).map_or_else(Spread::default, |square| square.spread);
-        let mut ledger = accounts.then(|| Ledger::new(relief, error, passage.hides, spread));
+        let mut account = accounts.then(|| BrickAccount::new(relief, error, passage.hides, spread));
         let mut integrator = Integrator::new(light.pieces, &light.ending, accounts, state);
-        let mut rungs = Vec::new();
+        let mut levels = Vec::new();
         let goes_on = loop {
             if integrator.is_faded() {
                 break false;
@@ -267,17 +267,17 @@ impl Cabin {
             let (step, has_next) = walk.step();
             if step.from < step.to {
                 let passage = (passage.brick, passage.drawn, range);
-                pass_dual_cell(passage, &ray, &step, &mut rungs, &mut integrator, &mut ledger);
+                pass_dual_cell(passage, &ray, &step, &mut levels, &mut integrator, &mut account);
             }
             if !has_next {
                 break false;
             }
-            if ground.fit(walk.cell).is_some() {
+            if brick.fit(walk.cell).is_some() {
                 break true;
             }
         };
-        if let Some(ledger) = &mut ledger {
-            ledger.close(&mut integrator);
+        if let Some(account) = &mut account {
+            account.close(&mut integrator);
         }
         let count = integrator.count;
         let reached = (walk.from - span.0) / unit;
@@ -299,13 +299,13 @@ fn put(rows: &mut [Row; 2], lane: usize, numbers: [f32; 2]) {
 }
 
 /// Optical depth behind which the ray in a lane may end, whatever it has gathered.
-fn fade(state: &RayState, place: &Place<'_>, seats: &Seats, lane: usize) -> f32 {
+fn fade(state: &RayState, place: &Place<'_>, lane_rays: &LaneRays, lane: usize) -> f32 {
     let ending = &place.light.ending;
     let least = ending.allowed / ending.brightest.max(1.0);
     let ratio = state.transmittance / least;
     // Where the brick is not as deep as that, how deep it would be need not be known.
-    let (from, to) = seats.span(lane);
-    let deepest = place.most * (to - from) * seats.length(lane) * ROUNDED_UP;
+    let (from, to) = lane_rays.span(lane);
+    let deepest = place.most * (to - from) * lane_rays.length(lane) * ROUNDED_UP;
     let halvings = (ratio.to_bits() >> 52) as f64 - 1023.0;
     if halvings * std::f64::consts::LN_2 >= deepest {
         return f32::MAX;
