@@ -1,13 +1,13 @@
 //! `deepfield demo`: the newcomer's run, each step a command that could be typed.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::time::Instant;
 
 use clap::Args;
 use serde_json::Value;
 
-use super::output::Output;
+use super::itself;
+use super::output::{Output, make_folder};
 use super::size;
 use crate::atomic_file;
 use crate::cache::{Cache, Header};
@@ -33,8 +33,7 @@ pub(super) struct Arguments {
 /// Files that cannot be written, and whatever a step says.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let directory = &arguments.directory;
-    std::fs::create_dir_all(directory)
-        .map_err(|source| Error::io(directory, "cannot make the folder", source))?;
+    make_folder(directory)?;
     for (name, text) in FILES {
         write(&directory.join(name), text)?;
     }
@@ -78,22 +77,12 @@ struct Steps<'d> {
 
 impl Steps<'_> {
     fn run(&mut self, words: &[&str]) -> Result<()> {
-        let program = std::env::current_exe()
-            .map_err(|source| Error::io("deepfield", "cannot find this program", source))?;
-        let started = Instant::now();
-        let ended = Command::new(&program)
-            .args(words)
-            .current_dir(self.directory)
-            .output()
-            .map_err(|source| Error::io(&program, "cannot start", source))?;
         let line = format!("deepfield {}", words.join(" "));
-        let said = String::from_utf8_lossy(&ended.stderr);
-        if !ended.status.success() {
-            let reason = said.trim().trim_start_matches("error: ");
-            return Err(Error::request(format!("`{line}` failed: {reason}")));
-        }
+        let started = Instant::now();
+        let ended = itself::run(itself::command()?.args(words).current_dir(self.directory))
+            .map_err(|error| Error::request(format!("`{line}` failed: {error}")))?;
         // Warnings.
-        eprint!("{said}");
+        eprint!("{}", String::from_utf8_lossy(&ended.stderr));
         self.rows.push(format!("{:7.2} s  {line}", started.elapsed().as_secs_f64()));
         Ok(())
     }

@@ -9,6 +9,7 @@ mod headers;
 mod info;
 mod ingest;
 mod ingest_stats;
+mod itself;
 mod output;
 mod paths;
 mod probe;

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::io::{BufWriter, ErrorKind, Stdout, Write};
+use std::path::Path;
 
 use crate::{Error, Result};
 
@@ -49,6 +50,15 @@ pub(super) fn harmless(line: &str) -> Cow<'_, str> {
     } else {
         Cow::Borrowed(line)
     }
+}
+
+/// Makes a folder that is to hold output, and those around it.
+///
+/// # Errors
+/// What the system refuses to make.
+pub(super) fn make_folder(path: &Path) -> Result<()> {
+    std::fs::create_dir_all(path)
+        .map_err(|source| Error::io(path, "cannot make the folder", source))
 }
 
 fn failed(source: std::io::Error) -> Error {

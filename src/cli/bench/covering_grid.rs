@@ -13,7 +13,7 @@ use super::table::csv;
 use super::viewpoints;
 use crate::atomic_file;
 use crate::cache::{BrickShape, Cache, Cursor, TreeLevel};
-use crate::cli::output::{Output, warn};
+use crate::cli::output::{Output, make_folder, warn};
 use crate::cli::progress::Bar;
 use crate::cli::values;
 use crate::ingest::{self, Options, Progress, in_pool};
@@ -69,8 +69,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     scenes.iter().try_for_each(|scene| has_range(scene, &cache))?;
     let levels = chosen(&cache, arguments)?;
     if let Some(folder) = &arguments.output {
-        std::fs::create_dir_all(folder)
-            .map_err(|source| Error::io(folder, "cannot make the folder", source))?;
+        make_folder(folder)?;
     }
     let mut bench = Bench::new(arguments, &scenes)?;
     let mut subjects = vec![bench.measure_cache(&cache)?];

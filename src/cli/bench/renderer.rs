@@ -3,12 +3,11 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 
 use clap::Args;
 use serde::Deserialize;
 
-use crate::cli::size;
+use crate::cli::{itself, size};
 use crate::leftovers::ScratchFolder;
 use crate::render::Film;
 use crate::{Error, Result};
@@ -76,7 +75,6 @@ pub(super) struct Cost {
 /// Runs this program's own `render`.
 #[derive(Debug)]
 pub(super) struct Renderer {
-    program: PathBuf,
     folder: ScratchFolder,
     limits: Vec<String>,
 }
@@ -87,12 +85,10 @@ impl Renderer {
     /// # Errors
     /// A system that gives no temporary folder or does not say where this program lies.
     pub(super) fn new(limits: &Limits) -> Result<Self> {
-        let program = std::env::current_exe()
-            .map_err(|source| Error::io("deepfield", "cannot find this program", source))?;
         let folder = ScratchFolder::new()?;
         let mut words = vec!["--memory".to_owned(), limits.memory.to_string()];
         words.extend(limits.threads.map(|threads| format!("--threads={threads}")));
-        Ok(Self { program, folder, limits: words })
+        Ok(Self { folder, limits: words })
     }
 
     /// Renders `scene` from `cache` with further `options` of `deepfield render`.
@@ -100,7 +96,8 @@ impl Renderer {
     /// # Errors
     /// Whatever the render says.
     pub(super) fn render(&self, cache: &Path, scene: &Path, options: &[String]) -> Result<Cost> {
-        let outcome = Command::new(&self.program)
+        let mut command = itself::command()?;
+        command
             .arg("render")
             .args(options)
             .args(&self.limits)
@@ -109,18 +106,9 @@ impl Renderer {
             .arg("--stats")
             .arg(self.stats_path())
             .arg("--")
-            .args([cache, scene])
-            .stdin(Stdio::null())
-            .output()
-            .map_err(|source| Error::io(&self.program, "cannot start", source))?;
-        if !outcome.status.success() {
-            return Err(failure(&outcome.stderr, outcome.status));
-        }
-        let path = self.stats_path();
-        let text = std::fs::read(&path)
-            .map_err(|source| Error::io(&path, "cannot read the stats", source))?;
-        serde_json::from_slice(&text)
-            .map_err(|error| Error::invalid(path.display(), error.to_string()))
+            .args([cache, scene]);
+        itself::run(&mut command)?;
+        itself::read_stats(&self.stats_path())
     }
 
     /// The picture of the last render.
@@ -150,14 +138,5 @@ impl Renderer {
 
     fn stats_path(&self) -> PathBuf {
         self.folder.path().join("stats.json")
-    }
-}
-
-/// The render's own words, without its "error: ".
-pub(super) fn failure(stderr: &[u8], status: std::process::ExitStatus) -> Error {
-    let said = String::from_utf8_lossy(stderr);
-    match said.lines().find_map(|line| line.strip_prefix("error: ")) {
-        Some(reason) => Error::request(reason),
-        None => Error::request(format!("a render ended without a word: {status}")),
     }
 }

@@ -11,7 +11,7 @@ use super::scaling_table::{Measured, View, plots, row};
 use super::table::csv;
 use crate::atomic_file;
 use crate::cache::{Cache, Cursor};
-use crate::cli::output::Output;
+use crate::cli::output::{Output, make_folder};
 use crate::cli::progress::Bar;
 use crate::cli::{size, values};
 use crate::{Error, Result};
@@ -55,8 +55,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         given => given.iter().cloned().map(Data::Given).collect::<Vec<_>>(),
     };
     if let Some(folder) = &arguments.output {
-        std::fs::create_dir_all(folder)
-            .map_err(|source| Error::io(folder, "cannot make the folder", source))?;
+        make_folder(folder)?;
     }
     let bench = Bench::new(arguments)?;
     let (mut all, mut text) = (Vec::new(), String::new());

@@ -2,18 +2,17 @@
 //! their own.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 
 use super::cpu::timed;
-use super::renderer::failure;
 use super::viewpoints;
+use crate::Result;
 use crate::atomic_file;
 use crate::cache::{Cache, Cursor};
 use crate::cli::ingest_stats::IngestStats;
+use crate::cli::itself;
 use crate::cli::progress::Bar;
 use crate::leftovers::ScratchFolder;
 use crate::synth::{self, Recipe};
-use crate::{Error, Result};
 
 const RECIPE: &str = include_str!("../../../datasets_synthetic/scaling.toml");
 const SCENES: [(&str, &str); 2] = [
@@ -95,21 +94,13 @@ impl DataMaker {
     fn ingest(&self, input: &Path) -> Result<Prepared> {
         let folder = ScratchFolder::new_in(self.folder.path())?;
         let (cache, stats) = (folder.path().join("cache.dfc"), folder.path().join("stats.json"));
-        let program = std::env::current_exe()
-            .map_err(|source| Error::io("deepfield", "cannot find this program", source))?;
-        let mut command = Command::new(&program);
+        let mut command = itself::command()?;
         command.arg("ingest").args(&self.options).arg("-o").arg(&cache).arg("--stats").arg(&stats);
-        command.arg("--").arg(input).stdin(Stdio::null());
-        let (outcome, cpu_seconds) = timed(|| command.output());
-        let outcome = outcome.map_err(|source| Error::io(&program, "cannot start", source))?;
-        if !outcome.status.success() {
-            return Err(failure(&outcome.stderr, outcome.status));
-        }
-        let text = std::fs::read(&stats)
-            .map_err(|source| Error::io(&stats, "cannot read the stats", source))?;
-        let ingest = serde_json::from_slice(&text)
-            .map_err(|error| Error::invalid(stats.display(), error.to_string()))?;
-        Ok(Prepared { cache, ingest: Some(ingest), cpu_seconds, _folder: Some(folder) })
+        command.arg("--").arg(input);
+        let (outcome, cpu_seconds) = timed(|| itself::run(&mut command));
+        outcome?;
+        let ingest = Some(itself::read_stats(&stats)?);
+        Ok(Prepared { cache, ingest, cpu_seconds, _folder: Some(folder) })
     }
 }
 

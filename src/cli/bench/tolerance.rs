@@ -11,12 +11,12 @@ use super::plots::plots;
 use super::reference::Reference;
 use super::renderer::{Limits, Renderer};
 use super::table::{self, Row};
+use crate::Result;
 use crate::atomic_file;
-use crate::cli::output::Output;
+use crate::cli::output::{Output, make_folder};
 use crate::cli::progress::Bar;
 use crate::cli::values;
 use crate::scene::Scene;
-use crate::{Error, Result};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -56,8 +56,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let renderer = Renderer::new(&arguments.limits)?;
     let Arguments { cache, scene, output, .. } = arguments;
     if let Some(folder) = output {
-        std::fs::create_dir_all(folder)
-            .map_err(|source| Error::io(folder, "cannot make the folder", source))?;
+        make_folder(folder)?;
     }
     let budget = Duration::from_secs(arguments.reference_seconds.into());
     let reference = Reference::new(&renderer, (cache, scene), samples, budget)?;
