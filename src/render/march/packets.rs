@@ -27,11 +27,18 @@ const THICKEST: f64 = 1e30;
 #[derive(Debug)]
 pub(crate) struct Packets {
     width: Width,
+    tables: Tables,
+    ray_packet: RayPacket,
+}
+
+/// What is known of the brick that was entered last.
+#[derive(Debug, Default)]
+struct Tables {
     grades: Grades,
+    /// Kinds of dual cells, for [`PacketBrick::kinds`], where not all drawn neighbours are there.
     kinds: Vec<u8>,
     /// Sums of the table's kinks at the brick's smallest and largest value, for [`PacketBrick::kinks`].
-    bends: [[f32; 4]; 2],
-    ray_packet: RayPacket,
+    kinks: [[f32; 4]; 2],
 }
 
 /// A ray that is to be marched, and its number in its tile.
@@ -132,13 +139,7 @@ impl Packets {
 
     /// A packet of lanes of this kind.
     pub(super) fn of(width: Width) -> Self {
-        Self {
-            width,
-            grades: Grades::default(),
-            kinds: Vec::new(),
-            bends: [[0.0; 4]; 2],
-            ray_packet: RayPacket::new(),
-        }
+        Self { width, tables: Tables::default(), ray_packet: RayPacket::new() }
     }
 
     /// Looks at a brick whose cells measure `diagonal` code lengths from corner to corner, for rays
@@ -151,6 +152,7 @@ impl Packets {
         has_squares: bool,
     ) -> bool {
         let Passage { brick, drawn, hides, .. } = *passage;
+        let Tables { grades, kinds, kinks } = &mut self.tables;
         let Some(transfer) = &light.packets else { return false };
         if care == Care::Exact
             || brick.relief.is_empty()
@@ -162,9 +164,9 @@ impl Packets {
             // More care is for single rays: there is nothing that packets could do better.
             let is_fit = care == Care::Rough && !has_squares && !brick.shades.rows.is_empty();
             if is_fit {
-                self.kinds.clear();
-                self.bends = [[0.0; 4]; 2];
-                self.grades.fill_cells((&brick.relief, hides), transfer);
+                kinds.clear();
+                *kinks = [[0.0; 4]; 2];
+                grades.fill_cells((&brick.relief, hides), transfer);
             }
             return is_fit;
         }
@@ -172,19 +174,19 @@ impl Packets {
             return false;
         }
         let looks = (&brick.relief, &brick.rates, hides);
-        self.grades.fill(looks, (diagonal, care), has_squares, transfer);
-        self.kinds.clear();
-        if self.grades.fit == 0 {
+        grades.fill(looks, (diagonal, care), has_squares, transfer);
+        kinds.clear();
+        if grades.fit == 0 {
             return false;
         }
         let whole = &brick.relief.whole;
-        self.bends = transfer.table.bends.between(whole.low, whole.high);
+        *kinks = transfer.table.bends.between(whole.low, whole.high);
         if drawn != DrawnNeighbours::ALL {
             let count = brick.edge as i32 + 1;
             let all = (0..count).flat_map(|z| (0..count).map(move |y| (y, z)));
             let cells = all.flat_map(|(y, z)| (0..count).map(move |x| [x, y, z]));
-            self.kinds.extend(cells.map(|cell| kind(brick, cell, drawn)));
-            self.kinds.extend([dual::PLAIN; BYTE_PADDING]);
+            kinds.extend(cells.map(|cell| kind(brick, cell, drawn)));
+            kinds.extend([dual::PLAIN; BYTE_PADDING]);
         }
         true
     }
@@ -199,62 +201,62 @@ impl Packets {
         film: &mut Rays<'_>,
     ) -> u64 {
         let Some(transfer) = &light.packets else { return 0 };
+        let Self { width, tables, ray_packet } = self;
+        let grades = &mut tables.grades;
         let region = passage.inside();
-        let are_constant = passage.brick.is_piecewise_constant();
-        let shift = if are_constant { 0.0 } else { DUAL_SHIFT };
+        let shift = if passage.brick.is_piecewise_constant() { 0.0 } else { DUAL_SHIFT };
         let range = CellRange::of(&region, shift);
-        let whole = &passage.brick.relief.whole;
-        let allowed = transfer.allowed.map_or(f64::INFINITY, |allowed| allowed * self.grades.share);
-        let takes_wide = self.grades.is_fit_for_wide;
-        let place = Place {
-            passage,
-            region,
-            range,
-            shift,
-            light,
-            transfer,
-            most: whole.span.most.extinction,
-            allowed,
-            takes_wide,
-        };
-        let are_proxies = matches!(accounts, Accounts::Proxies(_));
-        if are_proxies {
-            self.grades.look_around(passage.brick.relief.side());
+        let allowed = transfer.allowed.map_or(f64::INFINITY, |allowed| allowed * grades.share);
+        let takes_wide = grades.is_fit_for_wide;
+        let most = passage.brick.relief.whole.span.most.extinction;
+        let place =
+            Place { passage, region, range, shift, light, transfer, most, allowed, takes_wide };
+        if matches!(accounts, Accounts::Proxies(_)) {
+            grades.look_around(passage.brick.relief.side());
         }
-        let kinds = if self.kinds.is_empty() { &passage.brick.duals } else { &self.kinds };
-        let brick = PacketBrick {
-            values: &passage.brick.narrow[0].values,
-            side: passage.brick.edge + if are_constant { 0 } else { 2 },
-            kinds,
-            corners: &passage.brick.narrow[0].corners,
-            parents: std::array::from_fn(|n| parents(passage.brick, n + 1)),
-            parent_count: passage.brick.used.saturating_sub(1).min(MOST_PARENTS),
+        let brick = tables.brick(&place, accounts);
+        let all_plain = brick.kinds.is_empty() && tables.grades.fit == brick.rates.len();
+        let brick = (&brick, *width, all_plain);
+        let mut samples = 0;
+        for first in (0..rays.len()).step_by(width.count()) {
+            let some = first..(first + width.count()).min(rays.len());
+            let some = (&rays[some.clone()], accounts.among(some));
+            samples += ray_packet.travel(&place, brick, some, film);
+        }
+        samples
+    }
+}
+
+impl Tables {
+    /// What packets see of the brick at `place`, for rays with `accounts`.
+    fn brick<'b>(&'b self, place: &Place<'b>, accounts: Accounts<'_>) -> PacketBrick<'b> {
+        let Place { range, transfer, passage: Passage { brick, .. }, .. } = place;
+        let ghosts = if brick.is_piecewise_constant() { 0 } else { 2 };
+        let has_squares = !accounts.squares().is_empty();
+        PacketBrick {
+            values: &brick.narrow[0].values,
+            side: brick.edge + ghosts,
+            kinds: if self.kinds.is_empty() { &brick.duals } else { &self.kinds },
+            corners: &brick.narrow[0].corners,
+            parents: std::array::from_fn(|n| parents(brick, n + 1)),
+            parent_count: brick.used.saturating_sub(1).min(MOST_PARENTS),
             lo: range.lo.map(|c| c as f32),
             hi: range.hi.map(|c| c as f32),
-            shades: &passage.brick.shades.rows,
+            shades: &brick.shades.rows,
             rates: &self.grades.rates,
             rows: &self.grades.rows,
             levels: &self.grades.levels,
-            are_proxies,
-            storages: &passage.brick.shades.storages,
+            are_proxies: matches!(accounts, Accounts::Proxies(_)),
+            storages: &brick.shades.storages,
             storage: self.grades.storage,
-            reliefs: if accounts.squares().is_empty() { &[] } else { &self.grades.reliefs },
+            reliefs: if has_squares { &self.grades.reliefs } else { &[] },
             reach: self.grades.reach,
-            groups: passage.brick.relief.side(),
+            groups: brick.relief.side(),
             table: &transfer.table,
-            kinks: self.bends,
+            kinks: self.kinks,
             parts: self.grades.parts,
             darkening: transfer.darkening(),
-        };
-        let all_plain = kinds.is_empty() && self.grades.fit == brick.rates.len();
-        let brick = (&brick, self.width, all_plain);
-        let mut samples = 0;
-        for first in (0..rays.len()).step_by(self.width.count()) {
-            let some = first..(first + self.width.count()).min(rays.len());
-            let some = (&rays[some.clone()], accounts.among(some));
-            samples += self.ray_packet.travel(&place, brick, some, film);
         }
-        samples
     }
 }
 
