@@ -112,7 +112,7 @@ impl Found {
     }
 
     fn add(&mut self, name: &str, row: &Row) {
-        let show = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
+        let show = |value: Option<f64>| value.map_or("-".to_owned(), short);
         println!(
             "{name:<20}{:>6}{:>9}{:>12.2e}{:>13}{:>11.4}{:>13}",
             row.reference_rays,
@@ -165,12 +165,17 @@ struct Row {
     seconds_over_fixed: Option<f64>,
 }
 
+/// A ratio in eight characters at most.
+fn short(ratio: f64) -> String {
+    if ratio < 1e5 { format!("{ratio:.2}") } else { format!("{ratio:.1e}") }
+}
+
 /// Number, least, median, 90th percentile and most.
 fn spread(values: &[f64]) -> String {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     let Some(last) = sorted.len().checked_sub(1) else { return format!("{:>8}", 0) };
     let at = |part: f64| sorted[(part * last as f64).round() as usize];
-    let parts = [0.0, 0.5, 0.9, 1.0].map(|part| format!("{:>9.2}", at(part)));
+    let parts = [0.0, 0.5, 0.9, 1.0].map(|part| format!("{:>9}", short(at(part))));
     format!("{:>8}{}", sorted.len(), parts.concat())
 }
