@@ -126,12 +126,23 @@ fn identity(found: &fs::Metadata) -> (u64, u64) {
     (found.dev(), found.ino())
 }
 
+/// Names of what processes have open.
+const DESCRIPTORS: [&str; 5] = ["/dev/fd", "/dev/stdin", "/dev/stdout", "/dev/stderr", "/proc"];
+const IRREGULAR: &str = "is not a regular file; name another";
+
 /// The target itself, behind symbolic links; refuses what is not a file.
 fn resolve(target: &Path) -> Result<PathBuf> {
     let refuse = |what: &str| Error::request(format!("{}: {what}", target.display()));
     let link = fs::symlink_metadata(target).is_ok_and(|found| found.is_symlink());
+    // A file behind an open descriptor is not to be replaced under those who write it.
+    if DESCRIPTORS.iter().any(|place| target.starts_with(place)) {
+        return Err(refuse(IRREGULAR));
+    }
     let resolved = if link {
-        fs::canonicalize(target).map_err(|error| Error::io(target, "cannot follow", error))?
+        fs::canonicalize(target).map_err(|error| match error.kind() {
+            ErrorKind::NotFound => refuse("is a link to what is not there; remove it"),
+            _ => Error::io(target, "cannot follow", error),
+        })?
     } else {
         target.to_path_buf()
     };
@@ -139,7 +150,7 @@ fn resolve(target: &Path) -> Result<PathBuf> {
         Ok(found) if found.is_dir() => {
             Err(refuse("is a directory; name a file to be written in it"))
         }
-        Ok(found) if !found.is_file() => Err(refuse("is not a regular file; name another")),
+        Ok(found) if !found.is_file() => Err(refuse(IRREGULAR)),
         Err(error) if error.kind() != ErrorKind::NotFound => {
             Err(Error::io(target, "cannot write", error))
         }

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGXCPU, SIGXFSZ};
 use signal_hook::iterator::Signals;
 use signal_hook::low_level::emulate_default_handler;
 use tempfile::TempDir;
@@ -79,6 +79,10 @@ impl ScratchFolder {
     }
 }
 
+/// Signals that end the process and can be heard before; batch systems warn by some of them of limits
+/// that are near.
+const ENDING: [i32; 7] = [SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGXCPU];
+
 /// From now on signals that ask the process to end first remove what is noted, and a file that
 /// grows beyond the system's limit (`ulimit -f`) is an error of writing, not the process' end.
 /// Signals that the process was started to ignore stay ignored, as `nohup` relies on.
@@ -92,7 +96,7 @@ pub(crate) fn clear_on_signals() -> io::Result<()> {
         // A handler that does nothing of note: without one the signal ends the process.
         signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)))?;
     }
-    let mut signals = Signals::new([SIGHUP, SIGINT, SIGTERM].iter().filter(|s| is_heard(s)))?;
+    let mut signals = Signals::new(ENDING.iter().filter(|signal| is_heard(signal)))?;
     let wait = move || {
         for signal in &mut signals {
             // Kept locked: nothing new may begin.

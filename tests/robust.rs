@@ -379,6 +379,25 @@ fn a_reader_that_goes_away_is_no_fault_and_a_full_device_is() {
 }
 
 #[test]
+fn statistics_go_where_the_process_prints() {
+    let (folder, source) = data("small");
+    let (log, cache) = (folder.path().join("job.log"), folder.path().join("out.dfc"));
+    let script = "(echo before; \"$0\" ingest \"$1\" -o \"$2\" --stats /dev/stdout; echo after) > \"$3\"; \
+                  \"$0\" ingest \"$1\" -o \"$2\" --stats /dev/stdout | cat; \
+                  \"$0\" ingest \"$1\" -o \"$2\" --stats /dev/null; \
+                  \"$0\" ingest \"$1\" -o /dev/stdout >> \"$3\"";
+    let mut shell = Command::new("sh");
+    shell.args(["-c", script, env!("CARGO_BIN_EXE_deepfield")]).args([&source, &cache, &log]);
+    let ended = shell.output().unwrap();
+    let said = String::from_utf8(ended.stderr).unwrap();
+    assert!(said.starts_with("error: /dev/stdout: ") && said.lines().count() == 1, "{said}");
+    let logged = std::fs::read_to_string(&log).unwrap();
+    let whole = logged.starts_with("before\n") && logged.ends_with("\nafter\n");
+    assert!(whole && logged.contains("wall_seconds"), "{logged}");
+    assert!(String::from_utf8(ended.stdout).unwrap().contains("wall_seconds"));
+}
+
+#[test]
 fn wrong_usage_is_told_apart_from_failures() {
     let wrong: [&[&dyn AsRef<std::ffi::OsStr>]; 7] = [
         &[&"frobnicate"],

@@ -20,6 +20,7 @@ mod stats_file;
 mod synth;
 mod values;
 mod verify;
+mod warnings;
 
 use std::panic;
 use std::process::ExitCode;

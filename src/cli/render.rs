@@ -5,17 +5,15 @@ use std::time::Instant;
 
 use clap::Args;
 
-use super::output::warn;
 use super::paths::refuse_same;
 use super::progress::Bar;
 use super::stats_file::{StatsFile, json};
-use super::{fields, size};
+use super::{fields, size, warnings};
 use crate::Result;
 use crate::atomic_file::AtomicFile;
 use crate::cache::{Cache, Cursor};
 use crate::image::{Format, write_exr, write_png};
-use crate::render::stats::Stats;
-use crate::render::{EXACT, FixedSetting, RenderOptions, Rendered, render};
+use crate::render::{FixedSetting, RenderOptions, Rendered, render};
 use crate::scene::{MAX_SAMPLES_PER_AXIS, Samples, Scene, Tolerance};
 
 #[derive(Debug, Args)]
@@ -72,7 +70,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let cache = Cache::open(&arguments.cache, Cursor::WINDOWS)?;
     fields::check(&scene.volume.field, &cache)?;
     let opening = started.elapsed().as_secs_f64();
-    warn_of_nan(&cache, &scene);
+    warnings::of_nan(&cache, &scene);
     let bar = Bar::new("render", "tiles");
     let progress = |done, total| bar.show("render", done, total);
     let options = RenderOptions {
@@ -84,7 +82,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     };
     let mut rendered = render(&cache, &scene, &options)?;
     rendered.stats.set_opening(opening);
-    warn_of_bound(&rendered.stats, f64::from(rendered.film.largest_value()));
+    warnings::of_bound(&rendered);
+    warnings::of_nothing(&rendered, &scene, &cache);
     write_picture((picture, format), &rendered, (&scene, &overrides(arguments)), &cache)?;
     stats_file.map_or(Ok(()), |file| file.write(&rendered.stats))
 }
@@ -102,45 +101,6 @@ fn parse_fixed(text: &str) -> Result<FixedSetting, String> {
         "a fixed setting is PIXELS ≥ 0, RAYS (a whole number from 1 to {MAX_SAMPLES_PER_AXIS}) and \
          ACCURACY ≥ 0, as in `1,3,0.001`"
     ))
-}
-
-/// Says so where the tolerance is not kept.
-fn warn_of_bound(stats: &Stats, largest: f64) {
-    let tolerance = if stats.tolerance > 0.0 { stats.tolerance } else { EXACT * largest };
-    if let Some(bound) = stats.error_bound
-        && bound > tolerance
-    {
-        let likely = stats.error_estimate.unwrap_or(bound);
-        warn(format!(
-            "pixels may be off by {bound:.2e}, more than the tolerance of {tolerance:.2e} \
-             (by {likely:.2e} in all likelihood): ask for a larger --tolerance{}",
-            other_advice(stats)
-        ));
-    }
-}
-
-/// What else would bring the bound down, by what makes most of it.
-fn other_advice(stats: &Stats) -> &'static str {
-    let shares = stats.error_shares.unwrap_or_default();
-    let rest = shares.total() - shares.storage - shares.pixel_area;
-    if shares.pixel_area >= rest.max(shares.storage) {
-        " or for --samples N"
-    } else if shares.storage >= rest {
-        ", for a cache without --error, or for a transfer function that is less steep"
-    } else {
-        ""
-    }
-}
-
-fn warn_of_nan(cache: &Cache, scene: &Scene) {
-    let header = cache.header();
-    let field = header.field(&scene.volume.field).map(|index| &header.fields[index]);
-    if let Some(field) = field.filter(|field| field.nan_cells > 0) {
-        warn(format!(
-            "{}: {} leaf cells are NaN: they are drawn as the lower end of the range",
-            field.name, field.nan_cells
-        ));
-    }
 }
 
 /// What options say in place of the scene's `[render]` table, line by line as it would stand there, were

@@ -1,7 +1,8 @@
 //! Statistics as JSON.
 
-use std::io::Write;
-use std::path::Path;
+use std::fs::{self, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
@@ -17,9 +18,14 @@ pub(super) fn json(stats: &impl Serialize) -> Result<String> {
         .map_err(|error| Error::request(format!("cannot write the stats: {error}")))
 }
 
-/// A file for statistics. It is begun before the work that they tell of, so that a place that cannot
+/// Where statistics go. It is begun before the work that they tell of, so that a place that cannot
 /// be written is told at once.
-pub(super) struct StatsFile(AtomicFile);
+pub(super) enum StatsFile {
+    /// A file that is complete or not there.
+    Whole(AtomicFile),
+    /// What the process prints to, or what else under `/dev` takes bytes as they come.
+    Stream(Box<dyn Write>, PathBuf),
+}
 
 impl StatsFile {
     /// Begins to write `path`.
@@ -27,7 +33,12 @@ impl StatsFile {
     /// # Errors
     /// A place that cannot be written.
     pub(super) fn begin(path: &Path) -> Result<Self> {
-        AtomicFile::create(path).map(Self)
+        match stream(path) {
+            Some(stream) => stream
+                .map(|stream| Self::Stream(stream, path.to_path_buf()))
+                .map_err(|source| Error::io(path, "cannot write", source)),
+            None => AtomicFile::create(path).map(Self::Whole),
+        }
     }
 
     /// Writes `stats` in its place.
@@ -36,9 +47,32 @@ impl StatsFile {
     /// What the system says.
     pub(super) fn write(self, stats: &impl Serialize) -> Result<()> {
         let text = json(stats)? + "\n";
-        let mut file = self.0.file();
-        file.write_all(text.as_bytes())
-            .map_err(|source| Error::io(self.0.target(), "cannot write the stats", source))?;
-        self.0.commit()
+        let write = |to: &mut dyn Write, path: &Path| {
+            to.write_all(text.as_bytes())
+                .and_then(|()| to.flush())
+                .map_err(|source| Error::io(path, "cannot write the stats", source))
+        };
+        match self {
+            Self::Whole(file) => {
+                write(&mut file.file(), file.target())?;
+                file.commit()
+            }
+            Self::Stream(mut stream, path) => write(&mut *stream, &path),
+        }
+    }
+}
+
+/// What `path` means if that is no file of its own. A file behind the process' own output is written
+/// where that stands: replaced, it would lose what others have written there.
+fn stream(path: &Path) -> Option<io::Result<Box<dyn Write>>> {
+    match path.to_str()? {
+        "/dev/stdout" | "/dev/fd/1" | "/proc/self/fd/1" => Some(Ok(Box::new(io::stdout()))),
+        "/dev/stderr" | "/dev/fd/2" | "/proc/self/fd/2" => Some(Ok(Box::new(io::stderr()))),
+        _ => {
+            let is_device = path.starts_with("/dev")
+                && fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir());
+            let open = || OpenOptions::new().write(true).open(path);
+            is_device.then(|| open().map(|file| Box::new(file) as Box<dyn Write>))
+        }
     }
 }

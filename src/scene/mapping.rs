@@ -33,8 +33,15 @@ impl Scale {
             Self::Linear => f,
             Self::Log10 => log10(f),
             Self::Symlog { linthresh } => {
-                let u = (f.abs() / linthresh).min(f64::MAX);
-                let s = if u <= 1.0 { u / 0.9 } else { 1.0 / 0.9 + log10(u) };
+                let size = f.abs().min(f64::MAX);
+                let u = size / linthresh;
+                let s = if u <= 1.0 {
+                    u / 0.9
+                } else if u <= f64::MAX {
+                    1.0 / 0.9 + log10(u)
+                } else {
+                    1.0 / 0.9 + (log10(size) - log10(linthresh))
+                };
                 s.copysign(f)
             }
         }
@@ -100,7 +107,8 @@ impl Mapping {
     /// units to the scene's units, and values are multiplied by it first: 1 for code units.
     ///
     /// # Errors
-    /// A factor that is not a positive number; extrema that are not finite, or not under `scale`.
+    /// A factor that is not a positive number; extrema that are not finite, or not under `scale`; ends of
+    /// a range that are one number under `scale`.
     pub fn new(
         scale: Scale,
         range: Option<[f64; 2]>,
@@ -128,6 +136,12 @@ impl Mapping {
             return Err(Error::request(format!(
                 "the field's values run from {low:e} to {high:e} in these units, which have no \
                  logarithm; give the volume a `range`"
+            )));
+        }
+        if range.is_some() && lowest >= highest {
+            return Err(Error::request(format!(
+                "the ends of `range`, {low:e} and {high:e}, are alike under this scale: give the volume \
+                 a wider one"
             )));
         }
         Ok(Self { scale, factor, floor, low: lowest, high: highest })
@@ -249,6 +263,32 @@ mod tests {
 
     fn close(a: f64, b: f64) -> bool {
         (a - b).abs() <= 1e-14 * b.abs().max(1.0)
+    }
+
+    #[test]
+    fn what_a_scale_cannot_tell_apart_is_refused() {
+        let symlog = |linthresh| Scale::Symlog { linthresh };
+        let next = |x: f64| Some([x, x.next_up()]);
+        for (scale, range) in
+            [(Scale::Log10, next(3.0)), (symlog(1e-9), next(1.0)), (symlog(1e-310), next(1.0))]
+        {
+            let refused = Mapping::new(scale, range, FIELD, 1.0).unwrap_err().to_string();
+            assert!(refused.contains("alike"), "{refused}");
+        }
+        let mapping = Mapping::new(Scale::Linear, next(3.0), FIELD, 1.0).unwrap();
+        assert!(mapping.unclamped(4.0) >= 1.0 && mapping.unclamped(3.0) == 0.0);
+        // Of a linear part that is far too small to be seen nothing but the logarithm is left.
+        for linthresh in [1e-290, 1e-310, 5e-324] {
+            let mapping = Mapping::new(symlog(linthresh), Some([1.0, 1e4]), FIELD, 1.0).unwrap();
+            let below = 1.0 / 0.9 - linthresh.log10();
+            for exponent in 0..=4 {
+                let x = mapping.unclamped(10_f64.powi(exponent));
+                assert!(
+                    (x - 0.25 * f64::from(exponent)).abs() < 1e-13 * below,
+                    "{linthresh:e}: {x}"
+                );
+            }
+        }
     }
 
     #[test]

@@ -173,7 +173,7 @@ impl Frame {
         };
         for (octant, &offset) in offsets.iter().enumerate() {
             let (depth, aside) = place(offset);
-            if depth > error {
+            if !self.is_perspective || depth > error {
                 let slack = (DVec2::splat(reach) + aside.abs()) * MARGIN / depth;
                 seen.plane_lo = seen.plane_lo.min(aside / depth - slack);
                 seen.plane_hi = seen.plane_hi.max(aside / depth + slack);

@@ -216,6 +216,40 @@ fn wrong_cameras_are_refused() {
     assert!(refuse(&far).contains("position"));
 }
 
+#[test]
+fn footprints_do_not_depend_on_the_unit_of_length() {
+    for projection in ["perspective", "orthographic"] {
+        let footprint = |exponent: i32| {
+            let unit = f64::from(exponent).exp2();
+            let edge = [-0.4, 0.0, 1.0].map(|x| x * unit);
+            let end = [0.6, 1.5, 2.0].map(|x| x * unit);
+            let domain = Domain::new(edge, end, [48, 36, 20]).unwrap();
+            let projection = match projection {
+                "perspective" => Projection::Perspective { fov_degrees: 40.0 },
+                _ => Projection::Orthographic { height: 2.0 * unit },
+            };
+            let mut settings = camera(projection, ["0", "0", "0"], ["0", "0", "0"]);
+            settings.position = [0.5, 0.75, -3.0].map(|x| Decimal::from_f64(x * unit).unwrap());
+            settings.look_at = [0.1, 0.75, 1.5].map(|x| Decimal::from_f64(x * unit).unwrap());
+            let view = View::from_camera(&settings, 64, 48, &domain).unwrap();
+            let frame = view.frame(&domain.cell_corner(1, [8, 16, 8]), 1, 8.0);
+            let seen = frame.footprint(DVec3::ZERO, DVec3::splat(8.0)).unwrap();
+            let plane = if frame.is_perspective { 1.0 } else { unit };
+            (
+                seen.plane_lo / plane,
+                seen.plane_hi / plane,
+                seen.depth_lo / unit,
+                seen.depth_hi / unit,
+            )
+        };
+        let one = footprint(0);
+        assert!(one.0.cmplt(one.1).all(), "{one:?}");
+        for exponent in [-80, -30, 30, 38, 44, 80, 300] {
+            assert_eq!(footprint(exponent), one, "{projection} 2^{exponent}");
+        }
+    }
+}
+
 proptest! {
     #[test]
     fn footprints_enclose_and_octants_come_front_to_back(

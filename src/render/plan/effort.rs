@@ -22,6 +22,10 @@ const SMALL_ALONE_PER_PIXEL: u64 = 4096;
 /// quarters: all of those of pixels that are drawn together have room.
 const LEAST_ALONE: u64 = 16 << 10;
 const MOST_HALVED: u32 = 3;
+/// Rays of a picture's dark pixels, about, that need not be dark by their bounds; fewer than the quarters
+/// of quarters tell too little to be worth their time.
+const GLINTS: u64 = 1 << 20;
+const LEAST_GLINT_HALVINGS: u32 = 2;
 
 /// Rays for each pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,6 +44,8 @@ pub(crate) struct Effort {
     pub(crate) most_alone: u64,
     /// How often a pixel is halved at least for rays that stand for themselves.
     pub(crate) least_halvings: u8,
+    /// How often a pixel is halved that is dark and may not be, by its bound.
+    pub(crate) glint_halvings: u8,
 }
 
 impl Effort {
@@ -49,14 +55,16 @@ impl Effort {
         let most = each(MOST).clamp(FEWEST_PER_PIXEL, MOST_PER_PIXEL);
         let alone = each(MOST_ALONE).clamp(FEWEST_ALONE_PER_PIXEL, MOST_ALONE_PER_PIXEL);
         let worthwhile = each(WORTHWHILE).max(WORTHWHILE_PER_PIXEL);
-        let halvings = each(LEAST_ALONE).checked_ilog(4).unwrap_or(0);
+        let halvings = |rays: u64| each(rays).checked_ilog(4).unwrap_or(0).min(MOST_HALVED);
+        let glints = Some(halvings(GLINTS)).filter(|&halvings| halvings >= LEAST_GLINT_HALVINGS);
         Self {
             most,
             most_certified: UNEVEN * most,
             worthwhile,
             scouting: worthwhile.min(most),
             most_alone: alone.max(each(SMALL_ALONE).min(SMALL_ALONE_PER_PIXEL)),
-            least_halvings: halvings.min(MOST_HALVED) as u8,
+            least_halvings: halvings(LEAST_ALONE) as u8,
+            glint_halvings: glints.unwrap_or(0) as u8,
         }
     }
 }
@@ -72,9 +80,12 @@ mod tests {
             let [a, b] = [small, large].map(|n| Effort::of(*n));
             assert!(a.most >= b.most && a.most_alone >= b.most_alone);
             assert!(a.worthwhile >= b.worthwhile && a.least_halvings >= b.least_halvings);
+            assert!(a.glint_halvings >= b.glint_halvings && a.glint_halvings >= a.least_halvings);
         }
         let halvings = [63, 256, 1024, 4096, 16_384].map(|n| Effort::of(n).least_halvings);
         assert_eq!(halvings, [3, 3, 2, 1, 0]);
+        let glints = [63, 16_384, 65_536, 262_144].map(|n| Effort::of(n).glint_halvings);
+        assert_eq!(glints, [3, 3, 2, 0]);
         for size in [63, 4096, 65_536, 262_144, 1_000_000] {
             let Effort { most_alone, most, .. } = Effort::of(size);
             assert!(most_alone * size <= MOST_ALONE && most * size <= MOST, "{size}");

@@ -22,6 +22,8 @@ pub(crate) struct Goal {
     pub(crate) alone_per_pixel: u64,
     /// How often a pixel is halved at least for rays that stand for themselves.
     pub(crate) least_halvings: u8,
+    /// How often a pixel is halved that is dark and may not be, by its bound.
+    pub(crate) glint_halvings: u8,
     /// Whether all pixels' bounds are to come within the tolerance, so that rays are spent on these.
     pub(crate) certifies: bool,
     /// The power of the number of rays that bounds fall with, until a group of pixels knows its own.

@@ -66,6 +66,7 @@ impl Renderer<'_> {
             rays_per_pixel: effort.most,
             alone_per_pixel: effort.most_alone,
             least_halvings: effort.least_halvings,
+            glint_halvings: effort.glint_halvings,
             certifies: true,
             power: f64::INFINITY,
             all_levels: is_exact,

@@ -16,9 +16,7 @@ use crate::render::tiles::waiting::{Found, ToDo, Urgency};
 const MEAN_SHARE: f64 = 0.7;
 const LEAST_MEAN_SHARE: f64 = 0.1;
 const ALONE_SHARE: f64 = 0.6;
-/// Pixels of small pictures are halved so often where they are dark and may not be, by bounds of so
-/// many tolerances.
-const GLINTS: u8 = 3;
+/// Dark pixels may be bright by bounds of so many tolerances.
 const FAR: f64 = 4.0;
 /// A quarter of a square stands out that may do more than this part of the square's harm.
 const STANDS_OUT: f64 = 0.4;
@@ -121,8 +119,7 @@ impl Sheet {
     /// Whether a square is to be quartered whatever its rays tell.
     fn is_too_whole(&self, found: &Found) -> bool {
         self.goal.is_some_and(|goal| {
-            let is_small = goal.least_halvings > 0;
-            let least = if is_small && self.may_glint(&goal, found) { GLINTS } else { 0 };
+            let least = if self.may_glint(&goal, found) { goal.glint_halvings } else { 0 };
             found.square.halvings < goal.least_halvings.max(least)
         })
     }
@@ -131,10 +128,14 @@ impl Sheet {
     /// yet something may be there that does: the tip of what shines covers little of its pixel, and
     /// none of those beside it.
     fn may_glint(&self, goal: &Goal, found: &Found) -> bool {
-        let pixel = usize::from(found.square.pixel);
-        let is_dark = |value: f64| value <= goal.tolerance;
-        self.first_bound(pixel) > FAR * goal.tolerance
-            && found.value.iter().all(|&value| is_dark(value))
+        let is_dark = found.value.iter().all(|&value| value <= goal.tolerance);
+        is_dark && self.is_dark_by_chance(goal, usize::from(found.square.pixel))
+    }
+
+    /// The same of a whole pixel's first ray.
+    pub(super) fn is_dark_by_chance(&self, goal: &Goal, pixel: usize) -> bool {
+        goal.glint_halvings > 0
+            && self.first_bound(pixel) > FAR * goal.tolerance
             && self.is_first_dark(pixel, goal.tolerance)
     }
 

@@ -200,7 +200,9 @@ impl Sheet {
     /// so few that more rays are taken of each.
     fn is_unknown(&self, pixel: usize) -> bool {
         self.goal.is_none_or(|goal| {
-            goal.least_halvings > 0 || self.firsts[pixel].bound > UNKNOWN * goal.behind
+            goal.least_halvings > 0
+                || self.firsts[pixel].bound > UNKNOWN * goal.behind
+                || self.is_dark_by_chance(&goal, pixel)
         })
     }
 

@@ -1,0 +1,72 @@
+//! What is told of a picture that may not be as it was meant.
+
+use super::output::warn;
+use crate::cache::{Cache, CachedField};
+use crate::render::stats::Stats;
+use crate::render::{EXACT, Rendered};
+use crate::scene::Scene;
+
+/// Says so where the tolerance is not kept.
+pub(super) fn of_bound(Rendered { stats, film, .. }: &Rendered) {
+    let largest = f64::from(film.largest_value());
+    let tolerance = if stats.tolerance > 0.0 { stats.tolerance } else { EXACT * largest };
+    if let Some(bound) = stats.error_bound
+        && bound > tolerance
+    {
+        let likely = stats.error_estimate.unwrap_or(bound);
+        warn(format!(
+            "pixels may be off by {bound:.2e}, more than the tolerance of {tolerance:.2e} \
+             (by {likely:.2e} in all likelihood): ask for a larger --tolerance{}",
+            other_advice(stats)
+        ));
+    }
+}
+
+/// What else would bring the bound down, by what makes most of it.
+fn other_advice(stats: &Stats) -> &'static str {
+    let shares = stats.error_shares.unwrap_or_default();
+    let rest = shares.total() - shares.storage - shares.pixel_area;
+    if shares.pixel_area >= rest.max(shares.storage) {
+        " or for --samples N"
+    } else if shares.storage >= rest {
+        ", for a cache without --error, or for a transfer function that is less steep"
+    } else {
+        ""
+    }
+}
+
+/// Says so where leaf cells of the field are NaN.
+pub(super) fn of_nan(cache: &Cache, scene: &Scene) {
+    if let Some(field) = field(cache, scene).filter(|field| field.nan_cells > 0) {
+        warn(format!(
+            "{}: {} leaf cells are NaN: they are drawn as the lower end of the range",
+            field.name, field.nan_cells
+        ));
+    }
+}
+
+/// Says so where nothing is seen, and what may be the reason.
+pub(super) fn of_nothing(rendered: &Rendered, scene: &Scene, cache: &Cache) {
+    if let (true, Some(field)) = (rendered.film.largest_value() == 0.0, field(cache, scene)) {
+        warn(nothing_seen(&rendered.stats, field));
+    }
+}
+
+fn nothing_seen(stats: &Stats, CachedField { name, min, max, .. }: &CachedField) -> String {
+    let reason = if stats.bricks_in_view == 0 {
+        "no data is in view: see `position`, `look_at` and the domain, which `deepfield info` tells"
+            .to_owned()
+    } else if min > max {
+        format!("no leaf cell has a value of {name}")
+    } else {
+        format!(
+            "nothing in view shines or absorbs. {name} goes from {min:.3e} to {max:.3e} (code units):              see `range`, `absorption` and `emission`"
+        )
+    };
+    format!("the picture is empty: {reason}")
+}
+
+fn field<'c>(cache: &'c Cache, scene: &Scene) -> Option<&'c CachedField> {
+    let header = cache.header();
+    header.field(&scene.volume.field).map(|index| &header.fields[index])
+}
