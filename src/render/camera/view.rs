@@ -103,8 +103,12 @@ impl View {
         height: u32,
         domain: &Domain,
     ) -> Result<Self> {
-        let position = domain.position(&camera.position)?;
-        let look_at = domain.position(&camera.look_at)?;
+        let place = |name, place| {
+            let named = |error: Error| Error::request(format!("camera: {name}: {error}"));
+            domain.position(place).map_err(named)
+        };
+        let position = place("position", &camera.position)?;
+        let look_at = place("look_at", &camera.look_at)?;
         if position == look_at {
             return Err(Error::request(
                 "camera: look_at is position (to 2^-96 of a root cell): move one of them",

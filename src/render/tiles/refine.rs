@@ -385,7 +385,8 @@ impl Sheet {
         for (number, pixel) in self.pixels.iter().enumerate() {
             let [x, y] = self.order.place(number);
             let place = (y * self.order.width() + x) as usize;
-            self.finished[place] = pixel.value.map(|channel| channel as f32);
+            // Light is not negative, but by the rounding of sums.
+            self.finished[place] = pixel.value.map(|c| if c < 0.0 { 0.0 } else { c as f32 });
         }
         &self.finished
     }
