@@ -24,7 +24,7 @@ const LEAST_ALONE: u64 = 16 << 10;
 const MOST_HALVED: u32 = 3;
 /// Rays of a picture's dark pixels, about, that need not be dark by their bounds; fewer than the quarters
 /// of quarters tell too little to be worth their time.
-const GLINTS: u64 = 1 << 20;
+const GLINTS: u64 = 1 << 22;
 const LEAST_GLINT_HALVINGS: u32 = 2;
 
 /// Rays for each pixel.
@@ -85,7 +85,7 @@ mod tests {
         let halvings = [63, 256, 1024, 4096, 16_384].map(|n| Effort::of(n).least_halvings);
         assert_eq!(halvings, [3, 3, 2, 1, 0]);
         let glints = [63, 16_384, 65_536, 262_144].map(|n| Effort::of(n).glint_halvings);
-        assert_eq!(glints, [3, 3, 2, 0]);
+        assert_eq!(glints, [3, 3, 3, 2]);
         for size in [63, 4096, 65_536, 262_144, 1_000_000] {
             let Effort { most_alone, most, .. } = Effort::of(size);
             assert!(most_alone * size <= MOST_ALONE && most * size <= MOST, "{size}");
