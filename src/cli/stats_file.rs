@@ -1,11 +1,13 @@
 //! Statistics as JSON.
 
-use std::fs::{self, OpenOptions};
+use std::fs::{self, FileType, OpenOptions};
 use std::io::{self, Write};
+use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
+use super::output::Output;
 use crate::atomic_file::AtomicFile;
 use crate::{Error, Result};
 
@@ -18,12 +20,17 @@ pub(super) fn json(stats: &impl Serialize) -> Result<String> {
         .map_err(|error| Error::request(format!("cannot write the stats: {error}")))
 }
 
+/// Names of standard output.
+const STANDARD_OUTPUT: [&str; 3] = ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"];
+
 /// Where statistics go. It is begun before the work that they tell of, so that a place that cannot
 /// be written is told at once.
 pub(super) enum StatsFile {
     /// A file that is complete or not there.
     Whole(AtomicFile),
-    /// What the process prints to, or what else under `/dev` takes bytes as they come.
+    /// Standard output.
+    Printed,
+    /// Standard error, or what else under `/dev` takes bytes as they come.
     Stream(Box<dyn Write>, PathBuf),
 }
 
@@ -33,6 +40,9 @@ impl StatsFile {
     /// # Errors
     /// A place that cannot be written.
     pub(super) fn begin(path: &Path) -> Result<Self> {
+        if STANDARD_OUTPUT.iter().any(|name| path == Path::new(name)) {
+            return Ok(Self::Printed);
+        }
         match stream(path) {
             Some(stream) => stream
                 .map(|stream| Self::Stream(stream, path.to_path_buf()))
@@ -57,6 +67,7 @@ impl StatsFile {
                 write(&mut file.file(), file.target())?;
                 file.commit()
             }
+            Self::Printed => Output::new().end_with(&text),
             Self::Stream(mut stream, path) => write(&mut *stream, &path),
         }
     }
@@ -66,11 +77,12 @@ impl StatsFile {
 /// where that stands: replaced, it would lose what others have written there.
 fn stream(path: &Path) -> Option<io::Result<Box<dyn Write>>> {
     match path.to_str()? {
-        "/dev/stdout" | "/dev/fd/1" | "/proc/self/fd/1" => Some(Ok(Box::new(io::stdout()))),
         "/dev/stderr" | "/dev/fd/2" | "/proc/self/fd/2" => Some(Ok(Box::new(io::stderr()))),
         _ => {
+            // Never a disk.
+            let takes_bytes = |kind: FileType| kind.is_char_device() || kind.is_fifo();
             let is_device = path.starts_with("/dev")
-                && fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir());
+                && fs::metadata(path).is_ok_and(|found| takes_bytes(found.file_type()));
             let open = || OpenOptions::new().write(true).open(path);
             is_device.then(|| open().map(|file| Box::new(file) as Box<dyn Write>))
         }

@@ -60,7 +60,7 @@ fn nothing_seen(stats: &Stats, CachedField { name, min, max, .. }: &CachedField)
         format!("no leaf cell has a value of {name}")
     } else {
         format!(
-            "nothing in view shines or absorbs. {name} goes from {min:.3e} to {max:.3e} (code units):              see `range`, `absorption` and `emission`"
+            "nothing in view shines or absorbs. {name} goes from {min:.3e} to {max:.3e} (code units): see `range`, `absorption` and `emission`"
         )
     };
     format!("the picture is empty: {reason}")

@@ -87,8 +87,8 @@ pub(super) fn build(
                 level.next_jobs(&mut overlaps, batch)
             });
             progress.advance(jobs.len() as u64);
-            let brick = jobs.iter().map(BuiltBrick::of).collect::<Vec<_>>();
-            done = brick.into_iter().zip(assembled).collect();
+            let bricks = jobs.iter().map(BuiltBrick::of).collect::<Vec<_>>();
+            done = bricks.into_iter().zip(assembled).collect();
             jobs = next?;
         }
         level.above.flush()?;
