@@ -73,7 +73,15 @@ fn a_signal_leaves_nothing_and_ends_as_signals_do() {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap();
     let ignored = u64::from_str_radix(ignored.trim(), 16).unwrap();
-    let signals = [("HUP", 1), ("INT", 2), ("TERM", 15)];
+    let signals = [
+        ("HUP", 1),
+        ("INT", 2),
+        ("QUIT", 3),
+        ("USR1", 10),
+        ("USR2", 12),
+        ("TERM", 15),
+        ("XCPU", 24),
+    ];
     for (name, number) in signals.into_iter().filter(|(_, n)| ignored >> (n - 1) & 1 == 0) {
         // A run may be over before the signal comes.
         let heard = (0..50).any(|_| {
