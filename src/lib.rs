@@ -17,6 +17,7 @@ mod lanes;
 mod leftovers;
 mod log10;
 mod paging;
+mod polynomial;
 mod regular_file;
 pub mod render;
 pub mod scene;

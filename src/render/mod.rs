@@ -22,6 +22,7 @@ mod march;
 pub(crate) mod memory;
 mod picture;
 mod plan;
+mod preload;
 mod probe;
 mod renderer;
 pub mod stats;
@@ -122,7 +123,7 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     let loader = BrickLoader { cache, shading: &shading, accounts };
     let pool = Pool::new(plan.slots, loader, &counters);
     let load_seconds = if options.resident {
-        brick::preload::load_all(cache, &pool, shading.field, threads)?.as_secs_f64()
+        preload::load_all(cache, &pool, shading.field, threads)?.as_secs_f64()
     } else {
         0.0
     };

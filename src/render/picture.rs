@@ -14,7 +14,7 @@ use super::film::Film;
 use super::march::ray::Light;
 use super::memory::STACK_BYTES;
 use super::plan::cut::{Cut, ErrorCut};
-use super::plan::goal::{Goal, TileError};
+use super::plan::goal::{Method, TileError};
 use super::plan::tree_walk::{FieldIndex, Step, Walk, WalkContext};
 use super::plan::turns::Turns;
 use super::tiles::refine::{Batch, Sheet};
@@ -58,22 +58,6 @@ pub(super) struct Picture<'r, 's> {
     pub(super) rays: AtomicU64,
     /// Whether threads are to stop, since one has failed.
     pub(super) is_stopped: AtomicBool,
-}
-
-/// How tiles are drawn.
-#[derive(Debug, Clone)]
-pub(super) enum Method {
-    /// Once, with this cut; `accounts`: knowing how far they may be off.
-    Once { cut: Cut, accounts: bool },
-    /// Until no pixel is off by more than a goal.
-    Within(Goal),
-}
-
-impl Method {
-    /// Whether rays keep accounts of what may be wrong with them.
-    pub(super) fn keeps_accounts(&self) -> bool {
-        !matches!(self, Self::Once { accounts: false, .. })
-    }
 }
 
 impl Picture<'_, '_> {

@@ -13,7 +13,7 @@ use super::film::Film;
 use super::march::ray::Light;
 use super::march::ray_state::Ending;
 use super::memory::MemoryPlan;
-use super::picture::{Method, Picture, lock};
+use super::picture::{Picture, lock};
 use super::plan::census::Census;
 use super::plan::cut::{Cut, FootprintCut};
 use super::plan::effort::Effort;
@@ -26,6 +26,7 @@ use super::{FixedSetting, RenderOptions, largest_value};
 use crate::Result;
 use crate::cache::{Cache, Header};
 use crate::paging::Pool;
+use crate::render::plan::goal::Method;
 use crate::scene::{Interpolation, Scene, Tolerance};
 use crate::space::Domain;
 

@@ -15,9 +15,9 @@
 //! (j′ − κ′·L)| ds`, with j′ and κ′ of the medium before the step, and L as near S as above.
 
 use super::ray_error::Sums;
-use super::storage::Reach;
-use crate::render::march::polynomial::Polynomial;
+use crate::polynomial::Polynomial;
 use crate::render::transfer::piece::{Piece, Step};
+use crate::render::transfer::storage::Reach;
 
 /// Optical depth behind which nothing is seen.
 const OPAQUE: f64 = 40.0;

@@ -25,20 +25,20 @@
 //! and cuts a way into parts until it is little. What it cannot change is worked out here: the
 //! table's own deviation, and what rounding to f32 does to x and to light.
 
-mod kept;
-
 use std::sync::atomic::{AtomicU64, Ordering};
 
-pub(crate) use self::kept::KeptRates;
-
-use self::kept::Key;
-use super::ray_error::Change;
-use super::relief::{Group, Relief};
-use crate::render::march::packet::{DEEPEST, UNFIT};
+use crate::render::brick::kept_rates::{KeptRates, Key};
+use crate::render::brick::relief::{Group, Relief};
+use crate::render::transfer::change::Change;
 use crate::render::transfer::pieces::TransferPieces;
 use crate::render::transfer::rounded::{two_halves, up};
 use crate::render::transfer::span::Smoothness;
 use crate::render::transfer::table::TransferTable;
+
+/// The rate of a group that packets leave to the march of single rays.
+pub(crate) const UNFIT: u32 = u32::MAX;
+/// Optical depth that packets take for a part of a cell, at most.
+pub(crate) const DEEPEST: f32 = 1.0;
 
 /// How rays are marched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd)]
@@ -184,7 +184,7 @@ impl Grades {
         let count = relief.count();
         (self.parts, self.share) = (care.parts(), care.share_of_cell());
         let grader = Grader { transfer, reach, diagonal, parts: f64::from(self.parts) };
-        let key = Key { transfer: transfer.number, hides, parts: self.parts };
+        let key = Key { transfer: transfer.number, hides, is_fine: care > Care::Rough };
         kept.fill(key, &mut self.rates, |rates| {
             rates.extend((0..count).map(|n| grader.grade(relief.group(n))));
         });

@@ -9,50 +9,7 @@
 //! march that knows bounds of |j̃ − j| and |κ̃ − κ| knows a bound of its error; the same holds for
 //! 1 − T with j = κ.
 
-/// How much emission and extinction may change.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct Change {
-    /// Change of emission, at most in any channel: radiance / code length.
-    pub(crate) emission: f64,
-    /// Change of extinction, 1 / code length.
-    pub(crate) extinction: f64,
-}
-
-impl Change {
-    /// Both, times a factor.
-    pub(crate) fn times(self, factor: f64) -> Self {
-        Self { emission: self.emission * factor, extinction: self.extinction * factor }
-    }
-
-    /// What a ray is off by for each code length of it, with so much light `behind`.
-    pub(crate) fn light(self, behind: f64) -> f64 {
-        (self.emission + self.extinction * behind).max(self.extinction)
-    }
-
-    /// The sum, number by number.
-    pub(crate) fn plus(self, other: Self) -> Self {
-        Self {
-            emission: self.emission + other.emission,
-            extinction: self.extinction + other.extinction,
-        }
-    }
-
-    /// The smaller of each number.
-    pub(crate) fn min(self, other: Self) -> Self {
-        Self {
-            emission: self.emission.min(other.emission),
-            extinction: self.extinction.min(other.extinction),
-        }
-    }
-
-    /// The larger of each number.
-    pub(crate) fn max(self, other: Self) -> Self {
-        Self {
-            emission: self.emission.max(other.emission),
-            extinction: self.extinction.max(other.extinction),
-        }
-    }
-}
+use crate::render::transfer::change::Change;
 
 /// Changes summed along a ray.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -165,7 +122,7 @@ pub(crate) struct RayError {
     /// opposite places of the square.
     pub(crate) uneven: Sums,
     /// ∫ T̃·|Δj| ds by simpler formulas than the transfer function's.
-    pub(super) quadrature: f64,
+    pub(crate) quadrature: f64,
     /// ∫ |Δκ|·(what the ray has gathered before s: R, G, B) ds, or less, over all but what a square
     /// makes.
     passed: [f64; 3],
@@ -192,7 +149,7 @@ pub(crate) struct Lent {
     pub(crate) apart: Sums,
     /// What of that difference is not linear in their displacement.
     pub(crate) bent: Sums,
-    quadrature: f64,
+    pub(crate) quadrature: f64,
 }
 
 impl Lent {
@@ -412,7 +369,7 @@ impl RayError {
 
     /// Solves E = J + min(t·brightest, E·k + what is absorbed of `light`) for the largest error E of
     /// any ray of the square.
-    pub(super) fn off_by(&self, light: [f64; 3], brightest: f64) -> f64 {
+    pub(crate) fn off_by(&self, light: [f64; 3], brightest: f64) -> f64 {
         let sums = self.all();
         let by_brightest = sums.emission + product(sums.dimmed, brightest);
         let by_light = if sums.extinction < 1.0 {

@@ -1,8 +1,20 @@
-//! Over how much of a ray's way through a cell the rays of its square are on both sides of a
+//! How far the rays of a square are apart in a brick, and over how much of a ray's way through a cell the rays of its square are on both sides of a
 //! plane at which formulas change.
 
+use crate::render::brick::walk::Step;
 use crate::render::camera::frame::LocalRay;
-use crate::render::march::walk::Step;
+
+/// How far the rays of a square are from its centre's in a brick, at the same distance from the eye.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Spread {
+    /// Displacement of the farthest, cells along each axis.
+    pub(crate) cells: [f64; 3],
+    /// What of that does not cancel between opposite rays, however small the displacement: places at
+    /// one distance from the eye lie on a sphere, towards the eye of the plane through the centre's.
+    pub(crate) bend: [f64; 3],
+    /// Half the square's diagonal as an angle.
+    pub(crate) angle: f64,
+}
 
 /// A ray's way through a unit cube, in its coordinates, and how far the square's rays are away.
 pub(crate) struct Touch {

@@ -2,8 +2,8 @@
 //! up in place of the transfer function.
 
 use super::blocks::ScaledBlock;
-use crate::render::bounds::ray_error::Change;
-use crate::render::bounds::relief::Relief;
+use super::relief::Relief;
+use crate::render::transfer::change::Change;
 use crate::render::transfer::pieces::PieceList;
 use crate::render::transfer::rounded::two_halves;
 

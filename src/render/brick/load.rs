@@ -1,11 +1,11 @@
 //! Loading bricks for the pool: reading, decoding, and mapping to the transfer function's x.
 
 use super::scaled::ScaledBrick;
+use super::steepness::Surveyor;
 use crate::cache::{
     BrickPlace, Cache, Decoder, FieldRecord, NodeRecord, PARTS, Precision, RawBrick,
 };
 use crate::paging::{Loaded, Loader, Request};
-use crate::render::bounds::steepness::Surveyor;
 use crate::render::transfer::pieces::PieceList;
 use crate::render::transfer::shading::Shading;
 use crate::{Error, Result};

@@ -6,10 +6,10 @@
 //! holds all cells that exist, and what lies around it is drawn as a brick of the coarser level.
 
 use super::interpolant::DrawnNeighbours;
+use super::passage::{Passage, Region};
 use super::scaled::ScaledBrick;
 use crate::cache::Block;
 use crate::render::camera::frame::{Footprint, Frame};
-use crate::render::march::ray::{Passage, Region};
 
 /// The smallest box of whole coarser cells that holds all cells that exist, in the brick's cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

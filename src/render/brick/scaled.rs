@@ -3,17 +3,20 @@
 use super::blocks::{EXISTING, NarrowBlock, ScaledBlock, gather_corners, held};
 use super::cell_shades::CellShades;
 use super::fill::{CoarserBlock, fill_holes, fill_outside};
+use super::kept_rates::KeptRates;
 use super::margin::WholeCells;
+use super::relief::Relief;
+use super::steepness::Surveyor;
 use crate::cache::{Block, BrickPlace, BrickShape, RawBrick, state};
 use crate::lanes::BYTE_PADDING;
-use crate::render::bounds::grade::KeptRates;
-use crate::render::bounds::relief::{Distance, Relief};
-use crate::render::bounds::steepness::Surveyor;
-use crate::render::march::packet::MOST_PARENTS;
+use crate::render::transfer::distance::Distance;
 use crate::render::transfer::pieces::PieceList;
 use crate::scene::Interpolation;
 use crate::space::MAX_OCTREE_LEVEL;
 use crate::{Error, Result};
+
+/// Levels that a brick's own may be blended with in packets.
+pub(crate) const MOST_PARENTS: usize = 3;
 
 /// What the marcher has to mind in a dual cell, the cube between eight cell centres.
 pub(crate) mod dual {

@@ -13,12 +13,13 @@
 use std::ops::RangeInclusive;
 
 use super::halves::Halves;
+use super::relief::{GROUP_EDGE, Relief};
 use super::scaled::ScaledBrick;
+use super::steepness::Surveyor;
 use crate::cache::BrickShape;
 use crate::lanes::MOST_LANES;
-use crate::render::bounds::ray_error::Change;
-use crate::render::bounds::relief::{Distance, GROUP_EDGE, Relief};
-use crate::render::bounds::steepness::Surveyor;
+use crate::render::transfer::change::Change;
+use crate::render::transfer::distance::Distance;
 use crate::render::transfer::pieces::PieceList;
 use crate::scene::Interpolation;
 

@@ -1,12 +1,13 @@
 //! Emission and absorption where the mapped value is a polynomial along the ray.
 
-use super::polynomial::Polynomial;
 use super::ray_state::{Ending, RayState};
+use crate::polynomial::Polynomial;
 use crate::render::bounds::crossing::{Crossing, is_clean};
-use crate::render::bounds::ray_error::{Change, Sums};
-use crate::render::bounds::storage::Reach;
+use crate::render::bounds::ray_error::Sums;
+use crate::render::transfer::change::Change;
 use crate::render::transfer::piece::Piece;
 use crate::render::transfer::pieces::PieceList;
+use crate::render::transfer::storage::Reach;
 
 /// A stretch is halved this often at most in search of the transfer function's bends; what is
 /// left then is 2⁻²⁰ of it, and an extremum at most.

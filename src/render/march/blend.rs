@@ -3,11 +3,11 @@
 //! polynomial.
 
 use super::absorb::Integrator;
-use super::polynomial::Polynomial;
-use super::walk::Step;
 use crate::cache::state;
+use crate::polynomial::Polynomial;
 use crate::render::brick::interpolant::{Cube, DrawnNeighbours, weight};
 use crate::render::brick::scaled::ScaledBrick;
+use crate::render::brick::walk::Step;
 use crate::render::camera::frame::LocalRay;
 
 /// Coefficients of a blended polynomial: a cubic times the weights of four levels.

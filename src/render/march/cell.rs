@@ -1,12 +1,13 @@
 //! `cell`: the value is constant in each cell, so every stretch has a closed form.
 
 use super::absorb::Integrator;
-use super::ray::{CellRange, Region};
-use super::walk::Walk;
-use crate::render::bounds::brick_account::BrickAccount;
+use super::brick_account::BrickAccount;
+use super::ray::CellRange;
 use crate::render::bounds::touch::Touch;
 use crate::render::brick::blocks::ScaledBlock;
+use crate::render::brick::passage::Region;
 use crate::render::brick::scaled::ScaledBrick;
+use crate::render::brick::walk::Walk;
 use crate::render::camera::frame::LocalRay;
 
 /// Marches a ray through the stretch `span` of σ, from cell to cell.

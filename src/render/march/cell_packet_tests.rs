@@ -11,12 +11,12 @@ use crate::cache::{BrickShape, state};
 use crate::lanes::Width;
 use crate::render::bounds::grade::Care;
 use crate::render::bounds::ray_error::{RayError, Sums};
-use crate::render::bounds::relief::Distance;
-use crate::render::bounds::steepness::Surveyor;
 use crate::render::brick::interpolant::DrawnNeighbours;
 use crate::render::brick::scaled::ScaledBrick;
+use crate::render::brick::steepness::Surveyor;
 use crate::render::camera::frame::LocalRay;
 use crate::render::testing::data::{At, BRICKS, TestData, rough};
+use crate::render::transfer::distance::Distance;
 use crate::render::transfer::pieces::TransferPieces;
 use crate::scene::{FieldExtrema, Interpolation, Mapping, Scale, TransferFunction};
 

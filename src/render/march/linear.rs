@@ -3,13 +3,14 @@
 
 use super::absorb::Integrator;
 use super::blend::{BlendLevel, march_mixed};
-use super::polynomial::Polynomial;
-use super::ray::{CellRange, DUAL_SHIFT, Passage, Region};
-use super::walk::{Step, Walk};
-use crate::render::bounds::brick_account::BrickAccount;
+use super::brick_account::BrickAccount;
+use super::ray::{CellRange, DUAL_SHIFT};
+use crate::polynomial::Polynomial;
 use crate::render::bounds::touch::Touch;
 use crate::render::brick::interpolant::DrawnNeighbours;
+use crate::render::brick::passage::{Passage, Region};
 use crate::render::brick::scaled::{ScaledBrick, dual};
+use crate::render::brick::walk::{Step, Walk};
 use crate::render::camera::frame::LocalRay;
 
 /// Marches a ray through the stretch `span` of σ, from dual cell to dual cell.

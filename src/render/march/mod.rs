@@ -1,7 +1,10 @@
-//! Rays through bricks: one by one in f64, and many at once in packets.
+//! Rays through bricks, one by one in f64 and many at once in packets, and the accounts they keep.
 
 pub(super) mod absorb;
 mod blend;
+mod brick_account;
+#[cfg(test)]
+mod brick_account_tests;
 mod cell;
 #[cfg(test)]
 mod cell_packet_tests;
@@ -10,7 +13,6 @@ pub(super) mod packet;
 #[cfg(test)]
 pub(super) mod packet_tests;
 pub(super) mod packets;
-pub(super) mod polynomial;
 pub(super) mod ray;
 pub(super) mod ray_state;
 #[cfg(test)]
@@ -18,4 +20,3 @@ pub(super) mod ray_tests;
 #[cfg(test)]
 mod stress_tests;
 mod stretch;
-pub(super) mod walk;

@@ -7,16 +7,17 @@ mod ray_packet;
 
 use self::ray_packet::RayPacket;
 use super::linear::kind;
-use super::packet::{MOST_PARENTS, PacketBrick, Parents, UNFIT};
-use super::ray::{Beam, CellRange, DUAL_SHIFT, Light, Passage, Region};
+use super::packet::{PacketBrick, Parents};
+use super::ray::{Beam, CellRange, DUAL_SHIFT, Light};
 use super::ray_state::RayState;
 use crate::cache::BrickShape;
 use crate::lanes::{BYTE_PADDING, MOST_LANES, Width};
-use crate::render::bounds::grade::{Care, Grades, PacketTransfer};
+use crate::render::bounds::grade::{Care, Grades, PacketTransfer, UNFIT};
 use crate::render::bounds::ray_error::RayError;
-use crate::render::bounds::relief::GROUP_EDGE;
 use crate::render::brick::interpolant::DrawnNeighbours;
-use crate::render::brick::scaled::{ScaledBrick, dual};
+use crate::render::brick::passage::{Passage, Region};
+use crate::render::brick::relief::GROUP_EDGE;
+use crate::render::brick::scaled::{MOST_PARENTS, ScaledBrick, dual};
 use crate::render::camera::frame::LocalRay;
 
 /// A cell of the transfer function's largest extinction with a depth beyond this is none for f32.

@@ -1,36 +1,17 @@
 //! One ray through one brick.
 
 use super::absorb::Integrator;
+use super::brick_account::{BrickAccount, DomainEnd};
 use super::cell::march_cells;
 use super::linear::march_linear;
 use super::ray_state::{Ending, RayState};
-use super::walk::clip;
-use crate::render::bounds::brick_account::{BrickAccount, DomainEnd};
 use crate::render::bounds::grade::PacketTransfer;
 use crate::render::bounds::ray_error::RayError;
-use crate::render::brick::interpolant::DrawnNeighbours;
-use crate::render::brick::scaled::ScaledBrick;
+use crate::render::bounds::touch::Spread;
+use crate::render::brick::passage::{ALL_FACES, Passage, Region};
+use crate::render::brick::walk::clip;
 use crate::render::camera::frame::LocalRay;
 use crate::render::transfer::pieces::PieceList;
-
-/// A box inside a brick, in cells from its lowest corner, clipped to the domain.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Region {
-    /// Lower corner.
-    pub lo: [f64; 3],
-    /// Upper corner.
-    pub hi: [f64; 3],
-    /// Faces at which the domain ends: bit a the lower one along axis a, bit 3 + a the upper.
-    pub ends: u8,
-}
-
-impl Region {
-    /// The region clipped to a brick of `edge` cells.
-    pub(super) fn within(&self, edge: usize) -> Self {
-        let (lo, hi) = (self.lo.map(|x| x.max(0.0)), self.hi.map(|x| x.min(edge as f64)));
-        Self { lo, hi, ends: self.ends }
-    }
-}
 
 /// The cells of a region, or its dual cells: lowest and highest along each axis.
 #[derive(Debug, Clone, Copy)]
@@ -54,8 +35,6 @@ impl CellRange {
     }
 }
 
-const ALL_FACES: u8 = 0x3f;
-
 /// What all rays of a picture march by.
 pub(crate) struct Light<'l> {
     /// The transfer function.
@@ -64,19 +43,6 @@ pub(crate) struct Light<'l> {
     pub(crate) ending: Ending,
     /// What packets of rays march by, if they may.
     pub(crate) packets: Option<PacketTransfer>,
-}
-
-/// The brick that a ray passes through, and what of it is drawn.
-#[derive(Clone, Copy)]
-pub(crate) struct Passage<'b> {
-    /// The brick.
-    pub(crate) brick: &'b ScaledBrick,
-    /// The box of it that is drawn.
-    pub(crate) region: Region,
-    /// Beside which neighbours the level ends.
-    pub(crate) drawn: DrawnNeighbours,
-    /// Whether the brick is drawn in place of its children.
-    pub(crate) hides: bool,
 }
 
 /// The square of the picture that a ray stands for, as a brick sees it.
@@ -108,30 +74,6 @@ impl Beam {
     pub(super) fn is_square(&self) -> bool {
         self.spread != [0.0; 3]
     }
-}
-
-impl Passage<'_> {
-    /// What of the brick is drawn, within it.
-    pub(crate) fn inside(&self) -> Region {
-        let mut region = self.region.within(self.brick.edge);
-        if self.brick.is_piecewise_constant() {
-            // Values do not meet at the brick's faces either.
-            region.ends = ALL_FACES;
-        }
-        region
-    }
-}
-
-/// How far the rays of a square are from its centre's in a brick, at the same distance from the eye.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct Spread {
-    /// Displacement of the farthest, cells along each axis.
-    pub(crate) cells: [f64; 3],
-    /// What of that does not cancel between opposite rays, however small the displacement: places at
-    /// one distance from the eye lie on a sphere, towards the eye of the plane through the centre's.
-    pub(crate) bend: [f64; 3],
-    /// Half the square's diagonal as an angle.
-    pub(crate) angle: f64,
 }
 
 /// Adds to `state` what `ray` gathers in a brick, front to back, and to `account` what of it may

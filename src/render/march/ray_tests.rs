@@ -2,10 +2,12 @@
 
 use glam::DVec3;
 
-use super::ray::{Light, Passage, Region, march};
+use super::ray::{Light, march};
 use super::ray_state::{Ending, RayState};
 use crate::render::brick::interpolant::DrawnNeighbours;
+use crate::render::brick::passage::{Passage, Region};
 use crate::render::brick::scaled::ScaledBrick;
+use crate::render::brick::walk::clip;
 use crate::render::camera::frame::LocalRay;
 use crate::render::testing::data::{TestCut, TestData, linear, rough};
 use crate::render::transfer::pieces::{PieceList, TransferPieces};
@@ -101,7 +103,7 @@ fn stepped(
 ) -> RayState {
     const STEPS: u32 = 100_000;
     let mut state = RayState::default();
-    let Some((from, to)) = super::walk::clip(ray, whole(brick).lo, whole(brick).hi) else {
+    let Some((from, to)) = clip(ray, whole(brick).lo, whole(brick).hi) else {
         return state;
     };
     let step = (to - from) / f64::from(STEPS);
@@ -178,7 +180,7 @@ fn colour_maps_taken_as_a_whole_stay_close() {
         march(&through(&brick), &ray, &light, &mut state, None);
         let exact = marched(&brick, DrawnNeighbours::ALL, &ray, &smooth());
         assert_close(&state, &exact, 1e-4, "loose");
-        let (from, to) = super::walk::clip(&ray, whole(&brick).lo, whole(&brick).hi).unwrap();
+        let (from, to) = clip(&ray, whole(&brick).lo, whole(&brick).hi).unwrap();
         for (found, exact) in state.radiance.iter().zip(exact.radiance) {
             let most = ALLOWED * (to - from) * ray.length;
             assert!((found - exact).abs() <= most + 1e-9 * exact, "{found} {exact} {most}");
@@ -308,6 +310,6 @@ fn values_beyond_all_ranges_do_not_spill() {
 
 /// Just inside where the ray enters.
 fn entry(brick: &ScaledBrick, ray: &LocalRay) -> DVec3 {
-    let (from, to) = super::walk::clip(ray, whole(brick).lo, whole(brick).hi).unwrap();
+    let (from, to) = clip(ray, whole(brick).lo, whole(brick).hi).unwrap();
     ray.origin + ray.direction * (from + 1e-9 * (to - from))
 }

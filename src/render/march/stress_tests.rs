@@ -5,8 +5,8 @@ use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;
 
 use super::absorb::Integrator;
-use super::polynomial::Polynomial;
 use super::ray_state::{Ending, RayState};
+use crate::polynomial::Polynomial;
 use crate::render::testing::exact_light::{ExactLight, Gathered, Tables};
 use crate::render::testing::fixed::Fixed;
 use crate::render::transfer::pieces::TransferPieces;

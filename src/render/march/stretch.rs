@@ -2,8 +2,8 @@
 //! quadratic in x and extinction linear.
 
 use super::absorb::{Integrator, range};
-use super::polynomial::Polynomial;
 use super::ray_state::{SERIES_DEPTH, mean_series};
+use crate::polynomial::Polynomial;
 use crate::render::transfer::piece::Piece;
 
 /// An opaque stretch is halved this often at most: enough for depths of 1e30.

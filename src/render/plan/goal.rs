@@ -48,6 +48,22 @@ impl Goal {
     }
 }
 
+/// How tiles are drawn.
+#[derive(Debug, Clone)]
+pub(crate) enum Method {
+    /// Once, with this cut; `accounts`: knowing how far they may be off.
+    Once { cut: Cut, accounts: bool },
+    /// Until no pixel is off by more than a goal.
+    Within(Goal),
+}
+
+impl Method {
+    /// Whether rays keep accounts of what may be wrong with them.
+    pub(crate) fn keeps_accounts(&self) -> bool {
+        !matches!(self, Self::Once { accounts: false, .. })
+    }
+}
+
 /// How far a tile's worst pixel is off.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct TileError {

@@ -3,7 +3,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::cache::BrickShape;
-use crate::render::march::walk::clip;
+use crate::render::brick::walk::clip;
 use crate::render::plan::census::Census;
 use crate::render::plan::cut::FootprintCut;
 use crate::render::testing::scene::{domain, scene, view};

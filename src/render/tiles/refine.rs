@@ -15,9 +15,8 @@ use crate::render::bounds::grade::Care;
 use crate::render::bounds::ray_error::ErrorShares;
 use crate::render::camera::pixel_order::PixelOrder;
 use crate::render::camera::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
-use crate::render::picture::Method;
 use crate::render::plan::cut::Cut;
-use crate::render::plan::goal::{Goal, TileError};
+use crate::render::plan::goal::{Goal, Method, TileError};
 
 /// The part of a pixel's error that may come from levels, of what levels and area may be off by.
 const LEVELS_SHARE: f64 = 0.5;

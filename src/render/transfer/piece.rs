@@ -1,8 +1,8 @@
 //! A piece of the transfer function, with one formula, and what happens between two.
 
+use super::change::Change;
 use super::pieces::ROUNDING;
 use super::span::Span;
-use crate::render::bounds::ray_error::Change;
 
 /// What happens at the start of a piece.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

@@ -1,9 +1,9 @@
 //! The transfer function cut where its formula changes: what exact integration walks along.
 
+use super::change::Change;
 use super::piece::{Piece, Step};
 use super::run_tree::{Run, RunTree};
 use super::span::{Smoothness, Span};
-use crate::render::bounds::ray_error::Change;
 use crate::scene::TransferFunction;
 
 /// Buckets of the look-up over [0, 1].

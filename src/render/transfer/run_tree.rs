@@ -48,7 +48,7 @@ impl<R: Run> RunTree<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::bounds::ray_error::Change;
+    use crate::render::transfer::change::Change;
     use crate::render::transfer::span::Span;
 
     #[test]

@@ -1,8 +1,8 @@
 //! From stored values to light: the scene's volume over one field of the cache.
 
+use super::distance::Distance;
 use crate::cache::{CachedField, FieldRecord, Header, NodeRecord, Precision};
 use crate::lanes::{Kernel, Lanes, Width};
-use crate::render::bounds::relief::Distance;
 use crate::scene::{
     FieldExtrema, Interpolation, Mapping, Rounding, TransferFunction, Units, VolumeSettings,
 };

@@ -1,7 +1,7 @@
 //! What the transfer function does over a range of x.
 
+use super::change::Change;
 use super::run_tree::Run;
-use crate::render::bounds::ray_error::Change;
 
 /// What the transfer function does over a range of x.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

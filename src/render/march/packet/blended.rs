@@ -12,9 +12,7 @@ use super::cube::{Bend, Cube, Skew};
 use super::part_lanes::PartLanes;
 use super::rows::distance;
 use crate::lanes::{BYTE_PADDING, Lanes};
-
-/// Levels that a brick's own may be blended with.
-pub(crate) const MOST_PARENTS: usize = 3;
+use crate::render::brick::scaled::MOST_PARENTS;
 
 /// A block that a brick's level is blended with.
 #[derive(Debug, Clone, Copy)]

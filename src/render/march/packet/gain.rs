@@ -3,19 +3,19 @@
 
 use super::PacketBrick;
 use super::bends::{Depths, PartValues, crooked};
-use super::blended::{MOST_PARENTS, Part};
+use super::blended::Part;
 use super::cube::{Bend, Cube};
 use super::part_lanes::PartLanes;
 use super::rows::behind;
 use super::shade::{shade, through};
 use crate::lanes::Lanes;
+use crate::render::bounds::grade::DEEPEST;
+use crate::render::brick::scaled::MOST_PARENTS;
 
 /// Gauss–Legendre nodes on [0, 1]: ½ ∓ 1/√12.
 const NODES: [f32; 2] = [0.211_324_87, 0.788_675_1];
 /// √3 / 12: what extinction's slope between the nodes adds to the depth at either.
 const SLOPE_DEPTH: f32 = 0.144_337_57;
-/// Optical depth of a part, at most.
-pub(crate) const DEEPEST: f32 = 1.0;
 
 /// A stretch of a cell, along which one formula holds.
 #[derive(Clone, Copy)]

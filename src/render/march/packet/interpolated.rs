@@ -8,8 +8,9 @@ use super::rows::is_less;
 use super::square::{Shift, Squares};
 use super::sums::Sums;
 use super::walk::Walk;
-use super::{Packet, PacketBrick, UNFIT, add_off, go_on, unpacked};
+use super::{Packet, PacketBrick, add_off, go_on, unpacked};
 use crate::lanes::Lanes;
+use crate::render::bounds::grade::UNFIT;
 use crate::render::brick::scaled::dual;
 
 /// Marches rays on until each has left the brick or faded, or has come to a cell that is not fit:

@@ -17,7 +17,7 @@
 //! rays' lanes ([`deal`]).
 //!
 //! Where rays stand for squares of pixels, their account is kept in lanes too ([`square`]; its twin for
-//! single rays is `render/bounds/brick_account.rs`, and tests hold both to all rays of a square). A ray behind which no
+//! single rays is `render/march/brick_account.rs`, and tests hold both to all rays of a square). A ray behind which no
 //! more than its share of the tolerance can follow stops inside the brick. What rounding may do
 //! is graded per group of cells ([`crate::render::bounds::grade`]; kept with bricks that areas pass many times,
 //! `grade/kept.rs`); rays stop before cells that are not fit for it. All numbers are the brick's
@@ -48,10 +48,10 @@ mod square;
 mod sums;
 mod walk;
 
-pub(crate) use self::blended::{MOST_PARENTS, Parents};
-pub(crate) use self::gain::DEEPEST;
+pub(crate) use self::blended::Parents;
 use self::walk::{Exit, Walk};
 use crate::lanes::{Kernel, Lanes, MOST_LANES, Row};
+use crate::render::brick::scaled::MOST_PARENTS;
 use crate::render::transfer::table::TransferTable;
 
 /// What rounding may do to places in a brick, cells.
@@ -60,9 +60,6 @@ pub(super) const SLACK: f32 = 1e-5;
 /// Origins in a brick of up to 63 cells are multiples of this, so that f32 holds them and their
 /// differences to planes exactly.
 pub(super) const ORIGIN_STEP: f64 = 1.0 / (1 << 18) as f64;
-
-/// The rate of a group that packets leave to the march of single rays.
-pub(crate) const UNFIT: u32 = u32::MAX;
 
 /// What packets see of a brick.
 pub(super) struct PacketBrick<'g> {

@@ -5,7 +5,7 @@ use super::long::{Long, apart, difference, select};
 use super::rows::{behind, distance, load, store};
 use super::{Packet, PacketBrick};
 use crate::lanes::Lanes;
-use crate::render::bounds::relief::GROUP_EDGE;
+use crate::render::brick::relief::GROUP_EDGE;
 
 /// The walk from cell to cell; every plane's t is computed anew, so that nothing drifts, and as a
 /// sum of two f32, so that cells far along the ray are as exact as the first. The first numbers of

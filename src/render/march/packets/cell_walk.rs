@@ -1,8 +1,8 @@
 //! The walk of a ray that a packet has left at a cell.
 
+use crate::render::brick::walk::Step;
 use crate::render::camera::frame::LocalRay;
 use crate::render::march::ray::{CellRange, DUAL_SHIFT};
-use crate::render::march::walk::Step;
 
 /// The walk of one ray from the dual cell on that its lane has reached.
 pub(super) struct CellWalk<'r> {

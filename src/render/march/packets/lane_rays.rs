@@ -2,9 +2,10 @@
 
 use super::TileRay;
 use crate::lanes::{Kernel, Lanes, MOST_LANES};
+use crate::render::brick::passage::Region;
 use crate::render::camera::frame::LocalRay;
 use crate::render::march::packet::{ORIGIN_STEP, Packet};
-use crate::render::march::ray::{CellRange, Region};
+use crate::render::march::ray::CellRange;
 
 /// What rounding of f64 does to places in a brick, cells, and more.
 const PLACE_ROUNDING: f64 = 1e-12;
@@ -120,7 +121,7 @@ impl Kernel for EnterBrick<'_> {
 }
 
 /// Finds `from`, `to` and `unit` of all rays; returns which of them meet the region, as
-/// [`crate::render::march::walk::clip`] has it.
+/// [`crate::render::brick::walk::clip`] has it.
 #[inline(always)]
 fn clip<L: Lanes>(region: &Region, lane_rays: &mut LaneRays) -> u32 {
     let (mut from, mut to) = (lane_rays.sigma_min, [f64::INFINITY; MOST_LANES]);
@@ -223,8 +224,8 @@ mod tests {
 
     use super::*;
     use crate::lanes::Width;
+    use crate::render::brick::walk::clip;
     use crate::render::march::ray::DUAL_SHIFT;
-    use crate::render::march::walk::clip;
 
     /// Cells along the brick's edge.
     const EDGE: f64 = 8.0;

@@ -4,12 +4,13 @@ use super::cell_walk::CellWalk;
 use super::lane_rays::{EnterBrick, LaneRays, split};
 use super::{Accounts, Place, Rays, TileRay, lanes};
 use crate::lanes::{MOST_LANES, Row, Width};
-use crate::render::bounds::brick_account::BrickAccount;
 use crate::render::bounds::ray_error::{RayError, Sums};
+use crate::render::bounds::touch::Spread;
 use crate::render::march::absorb::Integrator;
+use crate::render::march::brick_account::BrickAccount;
 use crate::render::march::linear::pass_dual_cell;
 use crate::render::march::packet::{March, Packet, PacketBrick, SLACK};
-use crate::render::march::ray::{Beam, Spread, arrive, leave, march, spread_of};
+use crate::render::march::ray::{Beam, arrive, leave, march, spread_of};
 use crate::render::march::ray_state::RayState;
 
 /// What rounding of f32 may take off sums of errors.

@@ -8,9 +8,10 @@ use std::borrow::Cow;
 use glam::DVec3;
 
 use crate::render::bounds::ray_error::Sums;
+use crate::render::brick::passage::{Passage, Region};
+use crate::render::brick::walk::clip;
 use crate::render::camera::frame::LocalRay;
-use crate::render::march::ray::{Beam, Passage, Region, spread_of};
-use crate::render::march::walk::clip;
+use crate::render::march::ray::{Beam, spread_of};
 use crate::render::transfer::span::Span;
 
 /// Cells around a place of which groups are looked at one by one.

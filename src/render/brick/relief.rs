@@ -2,15 +2,15 @@
 //! range and slopes of the interpolant. From these follow the differences between the rays of a
 //! pixel, and what it means that a brick is drawn instead of those beneath it.
 
+use crate::render::transfer::distance::Distance;
 use std::borrow::Cow;
 
-use super::ray_error::Change;
+use super::scaled::ScaledBrick;
 use super::steepness::{GroupSteepness, Steepness, Surveyor};
-use super::storage::Storage;
-use crate::render::brick::scaled::ScaledBrick;
+use crate::render::transfer::change::Change;
 use crate::render::transfer::pieces::PieceList;
 use crate::render::transfer::span::Span;
-use crate::scene::Rounding;
+use crate::render::transfer::storage::Storage;
 
 /// Dual cells (with `cell`: cells) along a group's edge.
 pub(crate) const GROUP_EDGE: usize = 4;
@@ -29,7 +29,7 @@ pub(crate) struct Group {
     /// Steepest slope of x along each axis, per cell.
     pub(crate) slope: [f64; 3],
     /// Half the range of the slope along each axis, per cell.
-    pub(super) uneven: [f64; 3],
+    pub(crate) uneven: [f64; 3],
     /// Change by what is beneath the brick.
     pub(crate) levels: Change,
     /// In a thinner brick, a bound of the difference of x to that of the brick that it is made of.
@@ -42,42 +42,6 @@ pub(crate) struct Group {
     pub(crate) has_void: bool,
 }
 
-/// How far from the truth a brick's values are, in x.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Distance {
-    /// Bound of the difference to the finest interpolant, where children hide.
-    pub(crate) residual: f64,
-    /// Which octants have children.
-    pub(crate) child_mask: u8,
-    /// Whether something is shown where there is nothing beneath.
-    pub(crate) fills_void: bool,
-    /// What x can be in the brick's box at any level.
-    pub(crate) tree: [f64; 2],
-    /// How far stored values are from those of the source, averages included.
-    pub(crate) storage: Rounding,
-    /// How far stored values of leaf cells are from those of the source.
-    pub(crate) leaf_storage: Rounding,
-    /// Whether values are read in fewer digits than are stored: then that is what makes the two above,
-    /// and finer cuts change it.
-    pub(crate) is_rounded: bool,
-}
-
-impl Distance {
-    /// None: nothing lies beneath, and values within `tree` are the source's.
-    pub(crate) fn none(tree: [f64; 2]) -> Self {
-        let stored = Rounding::default();
-        Self {
-            residual: 0.0,
-            child_mask: 0,
-            fills_void: false,
-            tree,
-            storage: stored,
-            leaf_storage: stored,
-            is_rounded: false,
-        }
-    }
-}
-
 /// The groups of a brick. Its memory is reused from brick to brick.
 #[derive(Debug, Default)]
 pub(crate) struct Relief {
@@ -88,7 +52,7 @@ pub(crate) struct Relief {
     pub(crate) whole: Group,
     /// How far steps of the transfer function must be looked for beyond the values themselves, by
     /// what is beneath.
-    pub(super) levels_reach: f64,
+    pub(crate) levels_reach: f64,
     /// Whether what values as they are read make counts as of levels: they have fewer digits than are
     /// stored.
     pub(crate) is_rounded: bool,
@@ -117,7 +81,7 @@ impl Relief {
 
     /// The number of the group that holds a dual cell (or cell).
     #[inline]
-    pub(super) fn find(&self, cell: [i32; 3]) -> usize {
+    pub(crate) fn find(&self, cell: [i32; 3]) -> usize {
         let [x, y, z] = cell.map(|c| c as usize / GROUP_EDGE);
         (z * self.side + y) * self.side + x
     }
@@ -134,7 +98,7 @@ impl Relief {
 
     /// The group with this number, x fastest; all in one where there is none.
     #[inline]
-    pub(super) fn group(&self, index: usize) -> &Group {
+    pub(crate) fn group(&self, index: usize) -> &Group {
         self.groups.get(index).unwrap_or(&self.whole)
     }
 

@@ -3,21 +3,20 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use super::Care;
-use crate::render::bounds::relief::Relief;
+use super::relief::Relief;
 
 /// What rates depend on beside the brick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Key {
+pub(crate) struct Key {
     /// The number of the transfer function that packets march by.
-    pub(super) transfer: u64,
+    pub(crate) transfer: u64,
     /// Whether something lies beneath.
-    pub(super) hides: bool,
-    /// Parts that the way through a cell is cut into, at most.
-    pub(super) parts: u32,
+    pub(crate) hides: bool,
+    /// Whether the way through a cell may be cut into many parts.
+    pub(crate) is_fine: bool,
 }
 
-/// The last rates that were found with either number of parts. The memory is reused from brick to
+/// The last rates that were found with few and with many parts. The memory is reused from brick to
 /// brick.
 #[derive(Debug, Default)]
 pub(crate) struct KeptRates(Mutex<[Kept; 2]>);
@@ -40,8 +39,8 @@ impl KeptRates {
     }
 
     /// Puts the rates of a key into `rates`: kept ones, or what `find` adds to an empty vector.
-    pub(super) fn fill(&self, key: Key, rates: &mut Vec<u32>, find: impl FnOnce(&mut Vec<u32>)) {
-        let number = usize::from(key.parts > Care::Rough.parts());
+    pub(crate) fn fill(&self, key: Key, rates: &mut Vec<u32>, find: impl FnOnce(&mut Vec<u32>)) {
+        let number = usize::from(key.is_fine);
         rates.clear();
         {
             let kept = &self.lock()[number];
@@ -70,8 +69,8 @@ mod tests {
     #[test]
     fn rates_are_found_once_for_each_key() {
         let mut kept = KeptRates::default();
-        let rough = Key { transfer: 1, hides: false, parts: 16 };
-        let fine = Key { parts: 64, ..rough };
+        let rough = Key { transfer: 1, hides: false, is_fine: false };
+        let fine = Key { is_fine: true, ..rough };
         let mut rates = vec![9];
         kept.fill(rough, &mut rates, |rates| rates.extend([1, 2]));
         kept.fill(fine, &mut rates, |rates| rates.extend([3]));

@@ -4,22 +4,23 @@ use glam::DVec3;
 
 use proptest::prelude::*;
 
-use super::grade::{Care, PacketTransfer};
-use super::ray_error::RayError;
-use super::relief::Distance;
-use super::steepness::Surveyor;
+use crate::render::bounds::grade::{Care, PacketTransfer};
+use crate::render::bounds::ray_error::RayError;
 use crate::render::brick::interpolant::DrawnNeighbours;
 use crate::render::brick::margin::{self, parts};
+use crate::render::brick::passage::{Passage, Region};
 use crate::render::brick::scaled::ScaledBrick;
+use crate::render::brick::steepness::Surveyor;
 use crate::render::camera::frame::{Footprint, Frame};
 use crate::render::camera::rays::{PixelGrid, Square};
 use crate::render::camera::view::View;
 use crate::render::march::packets::{Accounts, Packets, Rays, TileRay};
-use crate::render::march::ray::{Light, Passage, Region, march};
+use crate::render::march::ray::{Light, march};
 use crate::render::march::ray_state::{Ending, RayState};
 use crate::render::march::ray_tests::{shells, smooth, steps, transfer};
 use crate::render::testing::data::{BRICKS, TestData, linear, rough};
 use crate::render::tiles::tile::{beam, meets};
+use crate::render::transfer::distance::Distance;
 use crate::render::transfer::pieces::TransferPieces;
 use crate::render::transfer::table::TransferTable;
 use crate::scene::{Interpolation, Scene, TransferFunction};

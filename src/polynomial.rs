@@ -19,7 +19,7 @@ impl<const N: usize> Polynomial<N> {
 
     /// The polynomial over [`from`, `to`] in terms of a variable that goes from 0 to 1 there.
     #[inline]
-    pub(super) fn part(&self, from: f64, to: f64) -> Self {
+    pub(crate) fn part(&self, from: f64, to: f64) -> Self {
         let mut c = self.0;
         for done in 0..N {
             for k in (done..N - 1).rev() {
@@ -37,7 +37,7 @@ impl<const N: usize> Polynomial<N> {
     /// Bernstein coefficients: the function lies between their smallest and largest over [0, 1],
     /// and is monotone there if they are.
     #[inline]
-    pub(super) fn control_points(&self) -> [f64; N] {
+    pub(crate) fn control_points(&self) -> [f64; N] {
         let mut points = self.0;
         let (mut binomial, degree) = (1.0, (N - 1) as f64);
         for (k, point) in points.iter_mut().enumerate() {
@@ -54,7 +54,7 @@ impl<const N: usize> Polynomial<N> {
 
     /// The mean over [0, 1].
     #[inline]
-    pub(super) fn mean(&self) -> f64 {
+    pub(crate) fn mean(&self) -> f64 {
         self.0.iter().enumerate().rev().fold(0.0, |sum, (k, c)| sum + c / (k + 1) as f64)
     }
 
@@ -103,7 +103,7 @@ impl<const N: usize> Polynomial<N> {
 
     /// Where the function, monotone over [`from`, 1], takes `value`, which must lie between its
     /// values at both ends; the nearer end otherwise. Newton's method, kept in its bracket.
-    pub(super) fn solve(&self, value: f64, from: f64) -> f64 {
+    pub(crate) fn solve(&self, value: f64, from: f64) -> f64 {
         let (mut low, mut high) = (from, 1.0);
         let (at_low, at_high) = (self.at(low) - value, self.at(high) - value);
         if at_low == 0.0 || at_high == 0.0 || (at_low < 0.0) == (at_high < 0.0) {
@@ -138,7 +138,7 @@ impl<const N: usize> Polynomial<N> {
 
     /// The polynomial, moved by a straight line so that it has these values at 0 and 1, to the
     /// rounding of their difference: a transfer function may be steep against rounding of x.
-    pub(super) fn between(mut self, ends: [f64; 2]) -> Self {
+    pub(crate) fn between(mut self, ends: [f64; 2]) -> Self {
         self.0[0] = ends[0];
         let rise: f64 = self.0.iter().skip(1).sum();
         self.0[1] += (ends[1] - ends[0]) - rise;
@@ -146,12 +146,12 @@ impl<const N: usize> Polynomial<N> {
     }
 
     /// The slope at `s`.
-    pub(super) fn slope(&self, s: f64) -> f64 {
+    pub(crate) fn slope(&self, s: f64) -> f64 {
         self.value_and_slope(s, 0.0).1
     }
 
     /// Where the slope changes sign in [0, 1], if it does so once.
-    pub(super) fn turn(&self) -> f64 {
+    pub(crate) fn turn(&self) -> f64 {
         let mut slope = Self([0.0; N]);
         for k in 1..N {
             slope.0[k - 1] = k as f64 * self.0[k];
@@ -173,7 +173,7 @@ impl Polynomial<4> {
     /// The trilinear interpolant of `corners` (bit a of the index: the upper corner along axis
     /// a) on the straight line from `start` to `end`, both in the unit cube.
     #[inline]
-    pub(super) fn along_line(corners: &[f64; 8], start: [f64; 3], end: [f64; 3]) -> Self {
+    pub(crate) fn along_line(corners: &[f64; 8], start: [f64; 3], end: [f64; 3]) -> Self {
         let [x, y, z] = start;
         let (dx, dy, dz) = (end[0] - x, end[1] - y, end[2] - z);
         // Along x: four linear functions v + d·s; along y: two quadratic ones; along z: a cubic.

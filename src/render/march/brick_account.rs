@@ -2,12 +2,13 @@
 
 use std::borrow::Cow;
 
-use super::ray_error::{Change, RayError, Sums};
-use super::relief::{Group, Relief};
-use super::storage::Reach;
-use crate::render::march::absorb::{Integrator, Tally};
-use crate::render::march::ray::Spread;
+use super::absorb::{Integrator, Tally};
+use crate::render::bounds::ray_error::{RayError, Sums};
+use crate::render::bounds::touch::Spread;
+use crate::render::brick::relief::{Group, Relief};
+use crate::render::transfer::change::Change;
 use crate::render::transfer::span::Span;
+use crate::render::transfer::storage::Reach;
 
 /// Keeps a ray's account while it passes through a brick.
 ///

@@ -33,7 +33,7 @@ pub(crate) struct Step {
 
 /// Walks the cells [n, n + 1) of a grid, each σ computed anew from the plane's own position, so
 /// that nothing drifts.
-pub(super) struct Walk {
+pub(crate) struct Walk {
     origin: [f64; 3],
     inverse: [f64; 3],
     next: [f64; 3],
@@ -49,7 +49,7 @@ pub(super) struct Walk {
 impl Walk {
     /// The walk of `ray` from σ `from` to `to` through cells `lo` to `hi` (inclusive) of the grid
     /// whose cell 0 begins at −`shift` along every axis.
-    pub(super) fn new(
+    pub(crate) fn new(
         ray: &LocalRay,
         (from, to): (f64, f64),
         shift: f64,
@@ -91,7 +91,7 @@ impl Walk {
 
     /// The next cell in which the ray has some length.
     #[inline]
-    pub(super) fn next(&mut self) -> Option<Step> {
+    pub(crate) fn next(&mut self) -> Option<Step> {
         while self.from < self.to {
             let [x, y, z] = self.next;
             let a = if x <= y && x <= z {

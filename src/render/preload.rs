@@ -4,11 +4,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::Builder;
 use std::time::{Duration, Instant};
 
-use super::load::{BrickLoader, BrickRequest, BrickScratch};
+use super::brick::load::{BrickLoader, BrickRequest, BrickScratch};
+use super::memory::STACK_BYTES;
+use super::picture::finish;
 use crate::cache::{Cache, Precision};
 use crate::paging::Pool;
-use crate::render::memory::STACK_BYTES;
-use crate::render::picture::finish;
 use crate::{Error, Result};
 
 /// Loads every brick of field `field` into `pool`, which has a slot for each, on `threads`

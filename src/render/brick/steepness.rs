@@ -1,11 +1,11 @@
 //! How far the values of a brick's blocks range, and their slopes, group by group.
 
+use super::blocks::ScaledBlock;
 use super::ranges::Ranges;
 use super::relief::GROUP_EDGE;
+use super::scaled::{ScaledBrick, dual};
 use super::windows::{Folder, Triples, Window};
 use crate::cache::state;
-use crate::render::brick::blocks::ScaledBlock;
-use crate::render::brick::scaled::{ScaledBrick, dual};
 
 /// How far values of some cells range, and their slopes.
 #[derive(Debug, Clone, Copy)]

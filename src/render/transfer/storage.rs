@@ -1,7 +1,7 @@
 //! How far values are from the source's, as they are stored, and how far they may be off in all.
 
-use crate::render::march::polynomial::Polynomial;
-use crate::render::transfer::rounded::up;
+use super::rounded::up;
+use crate::polynomial::Polynomial;
 use crate::scene::Rounding;
 
 /// Rounding in f64 of values, and of means of them.
@@ -23,7 +23,7 @@ pub(crate) struct Storage {
 impl Storage {
     /// The bound for values between `low` and `high`, in place of which the truth has others, no
     /// more than `beneath` from them and within `tree`.
-    pub(super) fn new(
+    pub(crate) fn new(
         rounding: &Rounding,
         [low, high]: [f64; 2],
         (beneath, tree): (f64, [f64; 2]),
@@ -49,17 +49,17 @@ impl Storage {
     }
 
     /// The largest difference, wherever x is.
-    pub(super) fn most(&self) -> f64 {
+    pub(crate) fn most(&self) -> f64 {
         f64::from(self.most)
     }
 
     /// How much more the difference may be for each unit of x; 0 where only its largest is known.
-    pub(super) fn slope(&self) -> f64 {
+    pub(crate) fn slope(&self) -> f64 {
         f64::from(self.slope)
     }
 
     /// The bound where no more is known than the largest difference.
-    pub(super) fn at_most(most: f64) -> Self {
+    pub(crate) fn at_most(most: f64) -> Self {
         Self { most: up(most), base: f32::INFINITY, slope: 0.0 }
     }
 
@@ -70,12 +70,12 @@ impl Storage {
     }
 
     /// The base of a line of another slope, no less steep, that bounds it from x = `low` on.
-    pub(super) fn base_for(&self, slope: f64, low: f64) -> f64 {
+    pub(crate) fn base_for(&self, slope: f64, low: f64) -> f64 {
         f64::from(self.base) + (self.slope() - slope) * low
     }
 
     /// What holds for both, and the steeper slope.
-    pub(super) fn max(self, other: Self) -> Self {
+    pub(crate) fn max(self, other: Self) -> Self {
         let is_one = self.slope == other.slope;
         Self {
             most: self.most.max(other.most),
@@ -89,11 +89,11 @@ impl Storage {
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Reach {
     /// How far values may be off by anything but storage.
-    pub(super) others: f64,
+    pub(crate) others: f64,
     /// How far values may be off by storage.
     pub(crate) storage: Storage,
     /// Whether the truth lies in other cells: beneath, or along other rays.
-    pub(super) is_elsewhere: bool,
+    pub(crate) is_elsewhere: bool,
 }
 
 /// The most that x may be off more at one place of a stretch, within a dual cell, than at another

@@ -1,0 +1,39 @@
+//! How far a brick's values are from those that they stand for.
+
+use crate::scene::Rounding;
+
+/// How far from the truth a brick's values are, in x.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Distance {
+    /// Bound of the difference to the finest interpolant, where children hide.
+    pub(crate) residual: f64,
+    /// Which octants have children.
+    pub(crate) child_mask: u8,
+    /// Whether something is shown where there is nothing beneath.
+    pub(crate) fills_void: bool,
+    /// What x can be in the brick's box at any level.
+    pub(crate) tree: [f64; 2],
+    /// How far stored values are from those of the source, averages included.
+    pub(crate) storage: Rounding,
+    /// How far stored values of leaf cells are from those of the source.
+    pub(crate) leaf_storage: Rounding,
+    /// Whether values are read in fewer digits than are stored: then that is what makes the two above,
+    /// and finer cuts change it.
+    pub(crate) is_rounded: bool,
+}
+
+impl Distance {
+    /// None: nothing lies beneath, and values within `tree` are the source's.
+    pub(crate) fn none(tree: [f64; 2]) -> Self {
+        let stored = Rounding::default();
+        Self {
+            residual: 0.0,
+            child_mask: 0,
+            fills_void: false,
+            tree,
+            storage: stored,
+            leaf_storage: stored,
+            is_rounded: false,
+        }
+    }
+}
