@@ -333,6 +333,16 @@ mod tests {
     }
 
     #[test]
+    fn pixels_that_are_samples_of_others_are_one_tile() {
+        for (width, height) in [(1, 1), (7, 24), (24, 24), (TILE_SIDE, TILE_SIDE)] {
+            let sparse = PixelGrid::sparse(&view(&scene("", width, height)), 0.5);
+            assert_eq!(sparse.tiles(), 1, "{width}x{height}");
+            let tile = sparse.tile(0);
+            assert_eq!((tile.columns(), tile.rows()), (0..width, 0..height));
+        }
+    }
+
+    #[test]
     fn tiles_cover_every_pixel_once() {
         for (samples, width, height) in
             [("1", 200, 700), ("3", 65, 22), ("64", 5, 9), ("40", 3, 2), ("\"area\"", 130, 1)]

@@ -23,9 +23,10 @@ const ROUGHLY: f64 = 0.25;
 const SKETCH_RAYS: u64 = 16;
 /// What counts of what single or few rays have met: the mean of a pixel may be less.
 const OF_RAYS: f64 = 0.5;
-/// So many pixels an outlook is taken from: enough for an average, and not enough to meet all bricks of
-/// a large set. And rays for each of them.
-const OUTLOOK_PIXELS: u32 = 24;
+/// Pixels along an edge that an outlook is taken from: few, which mostly say that areas are out of
+/// reach, then enough for an average, and not enough to meet all bricks of a large set. And rays for
+/// each of them.
+const OUTLOOKS: [u32; 2] = [8, 24];
 const OUTLOOK_RAYS: u64 = 5;
 /// What is sure of the picture's largest value is less by what it may be off by itself: the part of the
 /// tolerance that is tried allows for that, and for a little more.
@@ -134,7 +135,15 @@ impl Renderer<'_> {
         effort: &Effort,
         transfer: (&TransferPieces, &PieceList),
     ) -> Result<()> {
-        let outlook = self.outlook(goal, transfer)?;
+        let size = self.scene.image.width.max(self.scene.image.height);
+        let [few, enough] = OUTLOOKS;
+        let mut outlook = TileError::default();
+        for pixels in [few, enough].into_iter().filter(|&n| n == enough || 2 * n <= size) {
+            outlook = self.outlook(pixels, goal, transfer)?;
+            if outlook.beyond > 0.0 {
+                break;
+            }
+        }
         let is_worthwhile = outlook.rays_needed <= effort.worthwhile as f64;
         goal.certifies = outlook.beyond == 0.0 && is_worthwhile;
         goal.rays_per_pixel = if goal.certifies { effort.most_certified } else { effort.scouting };
@@ -142,9 +151,15 @@ impl Renderer<'_> {
         Ok(())
     }
 
-    /// What a few pixels, quartered once, say of how bounds of pixels' areas will fall.
-    fn outlook(&self, goal: &Goal, transfer: (&TransferPieces, &PieceList)) -> Result<TileError> {
-        let (scene, part) = self.small(OUTLOOK_PIXELS);
+    /// What a few pixels, quartered once, say of how bounds of pixels' areas will fall: so many along
+    /// an edge, no more than a tile has.
+    fn outlook(
+        &self,
+        pixels: u32,
+        goal: &Goal,
+        transfer: (&TransferPieces, &PieceList),
+    ) -> Result<TileError> {
+        let (scene, part) = self.small(pixels);
         let view = View::new(&scene, &self.cache.header().domain)?;
         let pixels = PixelGrid::sparse(&view, part);
         let quartered = Goal { rays_per_pixel: OUTLOOK_RAYS, alone_per_pixel: 1, ..*goal };
@@ -156,8 +171,8 @@ impl Renderer<'_> {
         Ok(worst(&lock(&picture.errors)))
     }
 
-    /// The scene, in a picture of at most so many pixels along an edge, no more than a tile has. And
-    /// how wide the scene's own pixels are in it.
+    /// The scene, in a picture of at most so many pixels along an edge, and how wide its own pixels are
+    /// in that.
     fn small(&self, pixels: u32) -> (Scene, f64) {
         let image = &self.scene.image;
         let scale = f64::from(pixels) / f64::from(image.width.max(image.height));
