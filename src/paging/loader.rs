@@ -4,12 +4,19 @@ use std::time::Duration;
 
 use crate::Result;
 
+/// Forms in which a brick can be loaded, at most.
+pub(crate) const FORMS: usize = 4;
+
 /// Names a brick, and carries what is needed to load it.
 pub(crate) trait Request: Copy + Send + Sync {
-    /// What tells requests apart for which different bricks are loaded.
-    fn key(&self) -> u64;
-    /// The node's index: by it loads are counted as first or further ones.
+    /// The node's index.
     fn brick(&self) -> u64;
+    /// Which of [`FORMS`] forms of the brick is asked for.
+    fn form(&self) -> usize;
+    /// What tells requests apart for which different things are loaded.
+    fn key(&self) -> u64 {
+        self.brick() * FORMS as u64 + self.form() as u64
+    }
     /// Which group of the counters the brick counts in: its tree level.
     fn level(&self) -> usize;
     /// The last turn that needs the brick, of the turns that [`Pool::turns_are_over`] hears of.

@@ -13,7 +13,7 @@ mod resident;
 
 pub(crate) use budget::{Budget, MEBIBYTE, Reservation};
 pub(crate) use counters::Counters;
-pub(crate) use loader::{Loaded, Loader, Request};
+pub(crate) use loader::{FORMS, Loaded, Loader, Request};
 pub(crate) use pool::{Pinned, Pool};
 pub(crate) use read_ahead::{ReadAhead, run_reader};
 pub(crate) use resident::peak_rss_bytes;

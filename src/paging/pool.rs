@@ -144,7 +144,8 @@ impl<'l, L: Loader> Pool<'l, L> {
         let mut filling = Filling { pool: self, key, slot, brick: Some(brick) };
         let brick = filling.brick.as_mut().and_then(Arc::get_mut).ok_or_else(all_in_use)?;
         let loaded = self.loader.load(request, scratch, brick)?;
-        self.counters.count_load(request.brick(), request.level(), &loaded);
+        let form = (request.brick(), request.form());
+        self.counters.count_load(form, request.level(), &loaded);
         let brick = filling.publish(used, request.last_turn()).ok_or_else(all_in_use)?;
         Ok((brick, loaded))
     }

@@ -10,11 +10,11 @@ struct Key(u64);
 
 impl Request for Key {
     fn brick(&self) -> u64 {
-        self.key()
+        self.0
     }
 
-    fn key(&self) -> u64 {
-        self.0
+    fn form(&self) -> usize {
+        usize::try_from(self.0 % 3).unwrap()
     }
 
     fn level(&self) -> usize {
@@ -115,7 +115,7 @@ fn a_failed_load_reaches_everyone_who_asked_and_leaves_the_pool_whole() {
     });
     assert_eq!(failures, 4);
     assert!(pool.load_ahead(&Key(1001), &mut ()).is_err());
-    assert!(!pool.holds(1000) && !pool.holds(1001));
+    assert!(!pool.holds(Key(1000).key()) && !pool.holds(Key(1001).key()));
     loader.broken.store(false, Ordering::Relaxed);
     assert_eq!((value(&pool, 1000), value(&pool, 7), value(&pool, 8)), (1_000_000, 49, 64));
     assert_eq!(loader.created.load(Ordering::Relaxed), 2);

@@ -58,9 +58,11 @@ pub struct Stats {
     pub bricks_in_view: u64,
     /// Bricks that were loaded, each counted once.
     pub bricks_loaded: u64,
-    /// Loads of bricks that had been loaded before: given up for others, or in fewer digits, as for the
-    /// small picture that a tolerance begins with.
+    /// Loads of bricks that had been loaded before and given up for others, for want of memory.
     pub bricks_reloaded: u64,
+    /// Loads of bricks that had been loaded before in other digits alone, as for the small picture that a
+    /// tolerance begins with.
+    pub bricks_in_other_digits: u64,
     /// Bricks in view whose space in view bricks beneath them draw.
     pub bricks_covered: u64,
     /// Bricks finer than what is drawn in their place.
@@ -112,6 +114,7 @@ impl Stats {
         self.bricks_in_view = total.saturating_sub(census.out_of_view);
         self.bricks_loaded = counters.distinct();
         self.bricks_reloaded = counters.reloaded();
+        self.bricks_in_other_digits = counters.in_other_forms();
         // Where tiles are drawn again with a finer cut, bricks are loaded that the first one left out.
         let mut finer = self.bricks_loaded.saturating_sub(census.drawn);
         let mut rest = |bricks: u64| {
@@ -184,7 +187,7 @@ mod tests {
         let census = Census { coarser: 40, covered: 5, drawn: 10, ..Census::default() };
         let counted = |loaded: u64| {
             for key in counters.distinct()..loaded {
-                counters.count_load(key, 0, &Loaded::default());
+                counters.count_load((key, 0), 0, &Loaded::default());
             }
             let mut stats = Stats::default();
             stats.set_bricks(60, &census, &counters);

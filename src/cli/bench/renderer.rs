@@ -62,8 +62,10 @@ pub(super) struct Cost {
     pub(super) bytes_decompressed: u64,
     /// Bricks loaded, each counted once.
     pub(super) bricks_loaded: u64,
-    /// Loads of bricks that had been loaded before.
+    /// Loads of bricks that had been loaded before, in the same digits.
     pub(super) bricks_reloaded: u64,
+    /// Loads of bricks that had been loaded before in other digits alone.
+    pub(super) bricks_in_other_digits: u64,
     /// Stretches of rays that were integrated.
     pub(super) samples: u64,
     /// Rays, over the whole picture.

@@ -80,6 +80,7 @@ fn of_view(View { name, cost, cpu_seconds }: &View) -> Columns {
         optional(named("peak_rss_bytes"), cost.peak_rss_bytes),
         column(named("bricks_loaded"), cost.bricks_loaded),
         column(named("bricks_reloaded"), cost.bricks_reloaded),
+        column(named("bricks_in_other_digits"), cost.bricks_in_other_digits),
         column(named("bytes_read"), cost.bytes_read),
     ]
 }

@@ -5,10 +5,12 @@ use super::steepness::Surveyor;
 use crate::cache::{
     BrickPlace, Cache, Decoder, FieldRecord, NodeRecord, PARTS, Precision, RawBrick,
 };
-use crate::paging::{Loaded, Loader, Request};
+use crate::paging::{FORMS, Loaded, Loader, Request};
 use crate::render::transfer::pieces::PieceList;
 use crate::render::transfer::shading::Shading;
 use crate::{Error, Result};
+
+const _: () = assert!(PARTS <= FORMS, "each number of digits is a form of its own");
 
 /// A brick as the index describes it.
 #[derive(Debug, Clone, Copy)]
@@ -28,12 +30,12 @@ pub(crate) struct BrickRequest {
 }
 
 impl Request for BrickRequest {
-    fn key(&self) -> u64 {
-        self.node * PARTS as u64 + self.precision.last_part() as u64
-    }
-
     fn brick(&self) -> u64 {
         self.node
+    }
+
+    fn form(&self) -> usize {
+        self.precision.last_part()
     }
 
     fn level(&self) -> usize {
