@@ -18,7 +18,7 @@ from xxhash import xxh3_64_intdigest as digest
 from zstandard import ZstdDecompressor, ZstdError
 
 PAGE, NODE, FIELD = 65536, struct.Struct("<QQQIIIBBBB"), struct.Struct("<6Q3I8f4B")
-EXISTS, REFINED, VOID = 1, 2, 4
+EXISTS, REFINED, VOID, COARSER = 1, 2, 4, 16
 # Bytes of a cell in each part of a payload.
 PARTS = 3, 1, 1
 
@@ -50,7 +50,7 @@ class Numbers:
 def read_header(data):
     """The header as a dictionary, and its length."""
     magic, version, length, checksum = struct.unpack_from("<8sIIQ", data)
-    need(magic == b"\x89DFC\r\n\x1a\n" and version == 5, "no cache of version 5")
+    need(magic == b"\x89DFC\r\n\x1a\n" and version == 6, "no cache of version 6")
     need(digest(data[24:length]) == checksum, "the header is damaged")
     body = Numbers(data[24:length])
     names = "file_bytes index_offset index_pages page_table_checksum".split()
@@ -156,7 +156,8 @@ def check_cells(number, node, record, edge, states, values, sides):
     need(sound.all(), f"brick {number}: a value lies outside its range")
     need(states[-(last**3) :].all(), f"brick {number}: its last block has holes")
     own = states[: first**3].reshape((first,) * 3)[1:-1, 1:-1, 1:-1]
-    counts = [np.count_nonzero(own & bit) for bit in (EXISTS, REFINED)]
+    is_own = own & (EXISTS | COARSER) == EXISTS
+    counts = [np.count_nonzero(is_own), np.count_nonzero(own & REFINED)]
     need(counts == list(node[4:6]), f"brick {number}: cells of another number")
     z, y, x = (2 * axis // edge for axis in np.nonzero(own & REFINED))
     octants = np.bitwise_or.reduce(1 << (x + 2 * y + 4 * z), initial=0)

@@ -15,10 +15,21 @@ pub mod state {
     pub const VOID: u8 = 4;
     /// Beyond the domain: no data; counts as existing beside a border.
     pub const OUTSIDE: u8 = 8;
+    /// With [`EXISTS`] and [`VOID`]: the level has nothing here, in a dropped cell of a coarser one.
+    /// Counts as existing, so that dropped cells of any level border like the domain's edge.
+    pub const COARSER: u8 = 16;
+    /// All of a cell in a coarser level's dropped one.
+    pub const IN_COARSER_VOID: u8 = EXISTS | VOID | COARSER;
 
     /// Whether the bits can stand together.
     pub fn is_valid(bits: u8) -> bool {
-        bits == OUTSIDE || bits < 8 && (bits == 0 || bits & EXISTS != 0)
+        let is_special = (bits == OUTSIDE) | (bits == IN_COARSER_VOID);
+        is_special || bits < 8 && (bits == 0 || bits & EXISTS != 0)
+    }
+
+    /// Whether the level itself has data here.
+    pub fn is_own(bits: u8) -> bool {
+        bits & (EXISTS | COARSER) == EXISTS
     }
 
     /// Whether [`is_valid`] holds of all.
@@ -101,7 +112,7 @@ impl RawBrick {
             let [x, y, z] = cell.map(|c| c.checked_shr(up as u32).unwrap_or(0) + 1);
             let at = block.at(x, y, z);
             let bits = *block.states.get(at)?;
-            (bits & state::EXISTS != 0).then(|| (up, block.values[at], bits))
+            state::is_own(bits).then(|| (up, block.values[at], bits))
         })
     }
 

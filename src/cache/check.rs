@@ -42,7 +42,7 @@ fn check_cells(edge: usize, node: &NodeRecord, brick: &RawBrick) -> Result<(), &
             let start = block.at(1, y + 1, z + 1);
             let upper = ((2 * y / edge) << 1) | ((2 * z / edge) << 2);
             let row = &block.states[start..start + edge];
-            existing += row.iter().map(|bits| u32::from(bits & state::EXISTS)).sum::<u32>();
+            existing += row.iter().map(|&bits| u32::from(state::is_own(bits))).sum::<u32>();
             for (x, half) in row.chunks_exact(edge / 2).enumerate() {
                 let count = half.iter().map(|bits| u32::from(bits & state::REFINED)).sum::<u32>();
                 refined += count / u32::from(state::REFINED);

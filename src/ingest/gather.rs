@@ -24,6 +24,13 @@ pub(super) struct Gatherer<'s> {
     pub(super) exponent: i32,
 }
 
+/// Where a block lies: the bricks around, and its first cell, counted from the lowest one of that at
+/// their centre.
+struct Region<'n> {
+    neighbours: &'n Neighbourhood,
+    first: [i32; 3],
+}
+
 /// The bricks around one, all fields of each.
 type Around = [Option<Arc<Vec<FieldCells>>>; 27];
 
@@ -34,50 +41,52 @@ impl Gatherer<'_> {
     pub(super) fn gather(&self, neighbours: &Arc<Neighbourhood>, raw: &mut RawBrick) -> Result<()> {
         let lowest = neighbours.place.lowest_cell(self.shape);
         let mut ancestor = Some(neighbours);
-        let mut up = 0;
+        let mut places: Vec<Region<'_>> = Vec::new();
         while let Some(neighbours) = ancestor {
+            let up = places.len();
             raw.blocks.resize_with(raw.blocks.len().max(up + 1), Block::default);
             let first: [i32; 3] = std::array::from_fn(|a| {
                 let own = neighbours.place.lowest_cell(self.shape)[a];
                 ((lowest[a] >> up) - own) as i32 - 1
             });
-            let complete = self.gather_block(neighbours, first, self.shape.side(up), raw, up)?;
-            up += 1;
-            if complete && up > 1 {
+            let region = Region { neighbours, first };
+            raw.blocks[up].reset(self.shape.side(up));
+            let complete = self.gather_block(&region, &mut raw.blocks[up])?;
+            places.push(region);
+            if complete && up > 0 {
                 break;
             }
             ancestor = neighbours.parent.as_ref();
         }
-        raw.blocks.truncate(up);
+        raw.blocks.truncate(places.len());
+        if raw.blocks.iter().any(has_void) {
+            for (up, region) in places.iter().enumerate().rev() {
+                let (finer, coarser) = raw.blocks.split_at_mut(up + 1);
+                let Some(block) = finer.last_mut() else { continue };
+                let above = coarser.first().map(|above| Above::new(above, block.side, lowest, up));
+                if let Some(above) = &above {
+                    above.spread_void(block);
+                }
+                self.fill_void(region, above.as_ref(), block)?;
+            }
+        }
         Ok(())
     }
 
-    /// The block of `side`³ cells from `first`, counted from the lowest cell of the brick at the
-    /// centre of `neighbours`. Whether every cell inside the domain exists.
-    fn gather_block(
-        &self,
-        neighbours: &Neighbourhood,
-        first: [i32; 3],
-        side: usize,
-        raw: &mut RawBrick,
-        up: usize,
-    ) -> Result<bool> {
-        let edge = self.shape.edge() as i32;
-        let mut around = Around::default();
+    /// Gathers a block. Whether every cell inside the domain exists.
+    fn gather_block(&self, region: &Region<'_>, block: &mut Block) -> Result<bool> {
+        let (edge, side) = (self.shape.edge() as i32, block.side);
+        let &Region { neighbours, first } = region;
         let steps = |a: usize| {
             let last = first[a] + side as i32 - 1;
             first[a].div_euclid(edge)..=last.div_euclid(edge)
         };
-        let block = &mut raw.blocks[up];
-        block.reset(side);
         for z in steps(2) {
             for y in steps(1) {
                 for x in steps(0) {
-                    let at = direction([x, y, z]);
-                    if let Some(brick) = neighbours.bricks[at] {
+                    if let Some(brick) = neighbours.bricks[direction([x, y, z])] {
                         let cells = self.bricks.get(neighbours.place.tree_level, brick)?;
                         self.copy(&cells[self.field], [x, y, z], first, block);
-                        around[at] = Some(cells);
                     }
                 }
             }
@@ -85,11 +94,7 @@ impl Gatherer<'_> {
         self.mark_outside(neighbours, first, block);
         // Without an end at the first: many states at a time.
         let known = |bits: u8| bits & (state::EXISTS | state::OUTSIDE) != 0;
-        let complete = block.states.iter().fold(true, |all, &bits| all & known(bits));
-        if block.states.iter().fold(0, |any, bits| any | bits) & state::VOID != 0 {
-            self.fill_void(neighbours, first, &mut around, block)?;
-        }
-        Ok(complete)
+        Ok(block.states.iter().fold(true, |all, &bits| all & known(bits)))
     }
 
     /// Copies what the brick `step` bricks away has of the block.
@@ -151,36 +156,53 @@ impl Gatherer<'_> {
 
     /// Gives dropped cells the mean of their kept neighbours across faces, where there are none
     /// across edges, else across corners: so the interpolant beside them is what it would be
-    /// beside the domain's border.
+    /// beside the domain's border. Those without any have the value above them, or are holes if the
+    /// level has nothing there, since holes beside them may be filled by theirs.
     fn fill_void(
         &self,
-        neighbours: &Neighbourhood,
-        first: [i32; 3],
-        around: &mut Around,
+        region: &Region<'_>,
+        above: Option<&Above<'_>>,
         block: &mut Block,
     ) -> Result<()> {
+        let mut around = Around::default();
         for at in 0..block.states.len() {
             if block.states[at] & state::VOID == 0 {
                 continue;
             }
             let local = [at % block.side, at / block.side % block.side, at / block.side.pow(2)];
-            let cell: [i32; 3] = std::array::from_fn(|a| first[a] + local[a] as i32);
-            let mut sums = [(0u32, 0.0f64); 3];
-            for step in 0..27i32 {
-                let step = [step % 3 - 1, step / 3 % 3 - 1, step / 9 - 1];
-                let distance = step.iter().map(|s| s.unsigned_abs() as usize).sum::<usize>();
-                let neighbour = std::array::from_fn(|a| cell[a] + step[a]);
-                if distance > 0
-                    && let Some(value) = self.kept(neighbours, neighbour, around)?
-                {
-                    sums[distance - 1].0 += 1;
-                    sums[distance - 1].1 += value;
-                }
+            if let Some(value) = self.mean_of_kept(region, local, &mut around)? {
+                block.values[at] = value;
+            } else if block.states[at] == state::IN_COARSER_VOID {
+                block.states[at] = 0;
+            } else {
+                block.values[at] = above.map_or(0.0, |above| above.block.values[above.at(local)]);
             }
-            let nearest = sums.iter().find(|(count, _)| *count > 0);
-            block.values[at] = nearest.map_or(0.0, |(n, sum)| (sum / f64::from(*n)) as f32);
         }
         Ok(())
+    }
+
+    /// The mean of a cell's kept neighbours, those that are nearest.
+    fn mean_of_kept(
+        &self,
+        &Region { neighbours, first }: &Region<'_>,
+        local: [usize; 3],
+        around: &mut Around,
+    ) -> Result<Option<f32>> {
+        let cell: [i32; 3] = std::array::from_fn(|a| first[a] + local[a] as i32);
+        let mut sums = [(0u32, 0.0f64); 3];
+        for step in 0..27i32 {
+            let step = [step % 3 - 1, step / 3 % 3 - 1, step / 9 - 1];
+            let distance = step.iter().map(|s| s.unsigned_abs() as usize).sum::<usize>();
+            let neighbour = std::array::from_fn(|a| cell[a] + step[a]);
+            if distance > 0
+                && let Some(value) = self.kept(neighbours, neighbour, around)?
+            {
+                sums[distance - 1].0 += 1;
+                sums[distance - 1].1 += value;
+            }
+        }
+        let nearest = sums.iter().find(|(count, _)| *count > 0);
+        Ok(nearest.map(|(n, sum)| (sum / f64::from(*n)) as f32))
     }
 
     /// The stored value of a cell that exists, is not dropped and is a number; `cell` counts
@@ -207,6 +229,51 @@ impl Gatherer<'_> {
         let value = f64::from(field.values[index]);
         let kept = bits & state::EXISTS != 0 && bits & state::VOID == 0 && !value.is_nan();
         Ok(kept.then(|| times_power_of_two(value, field.exponent - self.exponent)))
+    }
+}
+
+fn has_void(block: &Block) -> bool {
+    block.states.iter().fold(0, |any, bits| any | bits) & state::VOID != 0
+}
+
+/// The next coarser block, and which of its cells hold those of a block.
+struct Above<'b> {
+    block: &'b Block,
+    parents: [Vec<usize>; 3],
+}
+
+impl<'b> Above<'b> {
+    /// What lies above the block of `side`³ cells that is `up` levels above the brick whose lowest cell
+    /// is `lowest`.
+    fn new(block: &'b Block, side: usize, lowest: [i128; 3], up: usize) -> Self {
+        // A block begins one cell before the brick.
+        let first = |a: usize, up: usize| (lowest[a] >> up) - 1;
+        let parent = |a: usize, n: usize| {
+            let parent = (first(a, up) + n as i128) >> 1;
+            usize::try_from(parent - first(a, up + 1)).unwrap_or(0).min(block.side - 1)
+        };
+        let parents = std::array::from_fn(|a| (0..side).map(|n| parent(a, n)).collect());
+        Self { block, parents }
+    }
+
+    /// Index of the cell that holds a block's cell.
+    fn at(&self, [x, y, z]: [usize; 3]) -> usize {
+        self.block.at(self.parents[0][x], self.parents[1][y], self.parents[2][z])
+    }
+
+    /// Marks cells of the block beneath that the level does not have and that lie in dropped ones.
+    fn spread_void(&self, block: &mut Block) {
+        if !has_void(self.block) {
+            return;
+        }
+        let side = block.side;
+        let holes = block.states.iter_mut().enumerate().filter(|(_, bits)| **bits == 0);
+        for (at, bits) in holes {
+            let parent = self.at([at % side, at / side % side, at / side.pow(2)]);
+            if self.block.states[parent] & state::VOID != 0 {
+                *bits = state::IN_COARSER_VOID;
+            }
+        }
     }
 }
 

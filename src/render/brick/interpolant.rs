@@ -125,8 +125,8 @@ impl ScaledBrick {
             let bits = block.states[at];
             let exists = bits & (state::EXISTS | state::OUTSIDE) != 0;
             let side = |a: usize| if n >> a & 1 == 1 { beside[a] } else { own[a] };
-            let is_drawn =
-                !is_checked || bits == state::OUTSIDE || self.is_drawn([0, 1, 2].map(side), drawn);
+            let has_none = bits & (state::OUTSIDE | state::COARSER) != 0;
+            let is_drawn = !is_checked || has_none || self.is_drawn([0, 1, 2].map(side), drawn);
             cube.exists |= u8::from(exists && is_drawn) << n;
         }
         cube

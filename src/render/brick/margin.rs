@@ -8,7 +8,7 @@
 use super::interpolant::DrawnNeighbours;
 use super::passage::{Passage, Region};
 use super::scaled::ScaledBrick;
-use crate::cache::Block;
+use crate::cache::{Block, state};
 use crate::render::camera::frame::{Footprint, Frame};
 
 /// The smallest box of whole coarser cells that holds all cells that exist, in the brick's cells.
@@ -27,7 +27,7 @@ impl WholeCells {
         for z in 0..edge {
             for y in 0..edge {
                 let row = &block.states[block.at(1, y + 1, z + 1)..][..edge];
-                let exists = |bits: &u8| *bits != 0;
+                let exists = |bits: &u8| *bits != 0 && bits & state::COARSER == 0;
                 let Some(first) = row.iter().position(exists) else { continue };
                 let last = row.iter().rposition(exists).unwrap_or(first);
                 core.take([first, y, z]);

@@ -11,7 +11,9 @@ const AS_GOOD_AS_ZERO: f64 = 1e-12;
 
 /// Bound of the difference that storage makes to x where that is a mean of stored values, as
 /// interpolants are: at most `most`, and at most `base` + `slope`·x. For values of one sign stored
-/// with a relative error, a mean of them is off by no more of its own.
+/// with a relative error, a mean of them is off by no more of its own. Nothing changes from x = 1 on, so
+/// that what crosses no place up to there counts for nothing: from far above, `most` may be less than the
+/// difference.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Storage {
     // Rounded up to f32: bricks have many of these.
@@ -45,10 +47,14 @@ impl Storage {
         } else {
             f64::INFINITY
         };
-        Self { most: up(most), base: up(base), slope: up(slope) }
+        Self {
+            most: up(most.min(farthest_below_one(base, slope))),
+            base: up(base),
+            slope: up(slope),
+        }
     }
 
-    /// The largest difference, wherever x is.
+    /// The largest difference, wherever x is, or the farthest from a place up to 1 that it may cross.
     pub(crate) fn most(&self) -> f64 {
         f64::from(self.most)
     }
@@ -83,6 +89,13 @@ impl Storage {
             slope: self.slope.max(other.slope),
         }
     }
+}
+
+/// How far from a place up to 1 x may be if the truth, within `base` + `slope`·x of it, may lie on the other
+/// side: above it x(1 − slope) − base is at most 1, and below x itself is.
+fn farthest_below_one(base: f64, slope: f64) -> f64 {
+    let is_known = base.is_finite() && slope < 1.0;
+    if is_known { ((base + slope) / (1.0 - slope)).max(base).max(0.0) } else { f64::INFINITY }
 }
 
 /// How far values along a ray may be off, in x.
@@ -139,6 +152,7 @@ mod tests {
     fn scale(number: usize) -> (Scale, [f64; 2]) {
         [
             (Scale::Linear, [0.0, 50.0]),
+            (Scale::Linear, [0.0, 0.7]),
             (Scale::Linear, [-20.0, 5.0]),
             (Scale::Linear, [3.0, 9.0]),
             (Scale::Log10, [1e-2, 1e3]),
@@ -178,7 +192,7 @@ mod tests {
         /// storage.
         #[test]
         fn means_are_off_by_no_more(
-            number in 0..5_usize,
+            number in 0..6_usize,
             values in prop::collection::vec((-1.0..1.0_f64, -1.0..1.0_f64, -1.0..1.0_f64), 8),
             weights in prop::collection::vec(0.01..1.0_f64, 8),
             sign in 0..3_usize,
@@ -210,11 +224,19 @@ mod tests {
             let low = own.iter().copied().fold(f64::INFINITY, f64::min);
             let high = own.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             let storage = Storage::new(&rounding, [low, high], (beneath, [f64::NEG_INFINITY, f64::INFINITY]));
-            let (bound, off) = (storage.up_to(drawn / total), truth / total);
-            prop_assert!(off <= bound * (1.0 + 1e-9), "{off:e} {bound:e} {storage:?}");
+            let (x, off) = (drawn / total, truth / total);
+            let bound = storage.up_to(x) * (1.0 + 1e-9);
+            for other in [x - off, x + off] {
+                prop_assert!((x.min(1.0) - other.min(1.0)).abs() <= bound, "{off:e} {bound:e} {storage:?}");
+                for place in [-0.5, 0.0, 0.3, 0.99, 1.0] {
+                    let is_crossed = (other < place) != (x < place);
+                    let [_, reach] = Reach { storage, ..Reach::default() }.near(place);
+                    prop_assert!(!is_crossed || (x - place).abs() <= reach * (1.0 + 1e-9));
+                }
+            }
             // It is no more than it takes.
             if beneath == 0.0 && low > 0.0 && scale == Scale::Linear && range[0] == 0.0 {
-                prop_assert!(bound <= 1.02 * STORED * drawn / total);
+                prop_assert!(bound <= 1.02 * STORED * x.min(1.02));
             }
         }
     }

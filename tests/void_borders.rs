@@ -1,0 +1,85 @@
+//! Where cells were dropped the data end as they do at the domain's edge, whatever the dropped cells'
+//! level.
+
+#![allow(clippy::unwrap_used)] // a test's way to fail
+
+mod twin;
+
+use deepfield::cache::Cache;
+use deepfield::ingest::{Options, Progress, ingest};
+use deepfield::render::Probe;
+use deepfield::scene::Interpolation;
+use deepfield::space::Decimal;
+use twin::memory::MemorySource;
+
+/// A value for each cell of a level, without pattern.
+fn noise(level: u32, [i, j, k]: [i128; 3]) -> f64 {
+    let mixed = (i * 73_856_093) ^ (j * 19_349_663) ^ (k * 83_492_791) ^ i128::from(level * 7919);
+    0.1 + (mixed.rem_euclid(10_007)) as f64 / 1000.0
+}
+
+/// A root grid of 8³ cells of which the box of root cells `lo` to `hi` is the domain: refined in
+/// x ≥ 4, y < 6, and twice in a block in the middle.
+fn source(lo: [i128; 3], hi: [i128; 3]) -> MemorySource {
+    let edges = [lo, hi].map(|corner| corner.map(|c| c as f64 / 8.0));
+    let cells: [u64; 3] = std::array::from_fn(|a| (hi[a] - lo[a]) as u64);
+    let mut source = MemorySource::new(edges[0], edges[1], cells, &[2, 2]).unwrap();
+    for (level, from, to) in
+        [(0, [0, 0, 0], [8, 8, 8]), (1, [4, 0, 0], [8, 6, 8]), (2, [5, 3, 2], [7, 5, 6])]
+    {
+        // Root cells that are refined so far and lie in the domain, in the level's own cells.
+        let factor = 1 << level;
+        let first: [i128; 3] = std::array::from_fn(|a| lo[a].max(from[a]));
+        let size = std::array::from_fn(|a| (factor * (hi[a].min(to[a]) - first[a])) as u32);
+        let own = std::array::from_fn(|a| factor * (first[a] - lo[a]));
+        let value =
+            |cell: [i128; 3]| noise(level, std::array::from_fn(|a| cell[a] + factor * lo[a]));
+        source = source.grid(level, own, size, value);
+    }
+    source
+}
+
+#[test]
+fn dropped_cells_of_any_level_border_like_the_domains_edge() {
+    // Beside it lie dropped cells of level 0 (lower x, upper y), and of level 1 (lower y).
+    let (lo, hi) = ([4, 2, 0], [8, 6, 8]);
+    let folder = tempfile::tempdir().unwrap();
+    let corner = |corner: [i128; 3]| corner.map(|c| decimal(c as f64 / 8.0));
+    for brick in [8, 16] {
+        let cache = |name: &str, source: &MemorySource, region| {
+            let path = folder.path().join(name);
+            let options = Options { region, brick: Some(brick), ..Options::default() };
+            ingest(source, &path, &options, &mut Progress::new(&mut |_, _, _| {})).unwrap();
+            Cache::open(&path, 4).unwrap()
+        };
+        let region = cache("region.dfc", &source([0; 3], [8; 3]), Some([corner(lo), corner(hi)]));
+        let edge = cache("edge.dfc", &source(lo, hi), None);
+        let [mut region, mut edge] = [&region, &edge]
+            .map(|cache| Probe::new(cache, "density", Interpolation::Linear).unwrap());
+        for n in 0..4000 {
+            let at = |step: f64, a: usize| {
+                let share = (f64::from(n) * step).fract();
+                // Half of them are close to a face.
+                let share = if n % 2 == 0 {
+                    share
+                } else {
+                    (0.02 * share + 0.98 * share.round()).min(0.9999)
+                };
+                decimal((lo[a] as f64 + share * (hi[a] - lo[a]) as f64) / 8.0)
+            };
+            let point = [at(0.618_033_98, 0), at(0.754_877_66, 1), at(0.569_840_29, 2)];
+            let [a, b] = [&mut region, &mut edge].map(|probe| probe.at(&point).unwrap().unwrap());
+            assert_eq!(a.level, b.level, "{point:?}");
+            assert!(
+                (a.value - b.value).abs() <= 1e-6 * b.value,
+                "{point:?}: {} {}",
+                a.value,
+                b.value
+            );
+        }
+    }
+}
+
+fn decimal(x: f64) -> Decimal {
+    Decimal::from_shortest(x).unwrap()
+}
