@@ -113,6 +113,15 @@ impl Square {
         })
     }
 
+    /// Which of its sides are its pixel's: left, right, upper, lower.
+    pub(crate) fn sides_of_pixel(&self) -> [bool; 4] {
+        let half = 0.5 * (-f64::from(self.halvings)).exp2();
+        std::array::from_fn(|side| {
+            let (centre, first) = (self.centre[side / 2], self.centre[side / 2].floor());
+            if side % 2 == 0 { centre - half == first } else { centre + half == first + 1.0 }
+        })
+    }
+
     /// Its four quarters, with rays beside their centres, by up to `reach` of a quarter's half
     /// width, which follow no pattern. Opposite quarters' are opposite: what varies linearly has
     /// the square's mean.
@@ -377,6 +386,18 @@ mod tests {
                 assert_eq!((0..grid.tiles()).rfind(has_some), Some(grid.last_tile(&rect)));
             }
         }
+    }
+
+    #[test]
+    fn sides_of_pixels_are_those_of_squares_at_them() {
+        let whole = Square { centre: [7.5, 2.5], offset: [0; 2], pixel: 0, halvings: 0 };
+        assert_eq!(whole.sides_of_pixel(), [true; 4]);
+        let sides = whole.quarters().map(|quarter| quarter.sides_of_pixel());
+        assert_eq!(sides[0], [true, false, true, false]);
+        assert_eq!(sides[3], [false, true, false, true]);
+        let within = whole.quarters()[0].quarters()[3];
+        assert_eq!(within.sides_of_pixel(), [false; 4]);
+        assert_eq!(whole.quarters()[1].quarters()[0].sides_of_pixel(), [false, false, true, false]);
     }
 
     #[test]

@@ -13,9 +13,15 @@ use crate::sum::Sum;
 
 /// Standard deviations that an estimated error counts as.
 const DEVIATIONS: f64 = 3.0;
-/// The part of a square's spread that its quarters keep at least: a quarter is what a quadratic
-/// leaves. Five rays beside an edge may be alike by accident.
+/// The part of a square's spread that its quarters keep at least. Five rays beside an edge may be alike by
+/// accident.
 const LEAST_LEFT: f32 = 0.35;
+/// The part of an edge's height that stays where quarters along it have not met it, if nothing speaks of it
+/// but how uneven a square was: their rays are half as far from the side.
+const EDGE_LEFT: f64 = 0.5;
+/// Where what varies linearly makes more of a square's rays than so many times their spread, its quarters'
+/// rays lie at their centres.
+const SMOOTH: f64 = 0.7;
 
 /// The variance of what rises by 1 over a square's width.
 const OF_LINEAR: f64 = 1.0 / 12.0;
@@ -220,14 +226,16 @@ fn add(sum: &mut [f64; 4], value: &[f64; 4], weight: f64) {
 }
 
 /// What the centres of a square and its quarters tell of each quarter.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Unevenness {
     /// The standard deviation of its rays, but for what is alike in all quarters.
     spread: f32,
     /// The standard deviation of what varies linearly over it.
     slope: f32,
     /// By how much its mean exceeds its centre's ray, if values bend alike everywhere in the square.
-    bend: [f32; 4],
+    bend: [Half; 4],
+    /// How the square's quarters differ crosswise: those of this quarter by a fourth of it, likewise.
+    twist: [Half; 4],
     /// By how much values may change at an edge that runs through it, and has not been seen: at its
     /// left, right, upper and lower side. Rounded up, as upper halves of f32.
     edges: [u16; 4],
@@ -238,7 +246,7 @@ impl Alone {
     fn count(&mut self, uneven: &Unevenness, weight: f64, sign: f64) {
         self.variance.add(sign * uneven.variance(weight));
         for (sum, bend) in self.bend.iter_mut().zip(uneven.bend) {
-            sum.add(sign * weight * f64::from(bend));
+            sum.add(sign * weight * bend.value());
         }
     }
 
@@ -252,8 +260,22 @@ impl Alone {
         self.count(uneven, weight, -1.0);
         self.lost.variance += uneven.variance(weight);
         for (sum, bend) in self.lost.bend.iter_mut().zip(uneven.bend) {
-            *sum += weight as f32 * bend;
+            *sum += (weight * bend.value()) as f32;
         }
+    }
+}
+
+/// The upper half of an f32: a number to 0.4 % of itself. Many squares wait.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Half(u16);
+
+impl Half {
+    fn of(x: f64) -> Self {
+        Self(((x as f32).to_bits() >> 16) as u16)
+    }
+
+    fn value(self) -> f64 {
+        f64::from(f32::from_bits(u32::from(self.0) << 16))
     }
 }
 
@@ -266,15 +288,18 @@ impl Unevenness {
     /// The unevenness that the quarters of a square have in common, from its centre's ray and
     /// theirs, where so much was known `before`.
     pub(super) fn of(whole: &[f64; 4], before: Option<Self>, quarters: [&[f64; 4]; 4]) -> Self {
-        let (before, edges) = before.map_or((0.0, [0; 4]), |uneven| (uneven.spread, uneven.edges));
+        let before = before.unwrap_or_default();
         let channel = |n: usize| {
             let [a, b, c, d] = quarters.map(|quarter| quarter[n]);
             (0.25 * ((a - b) - (c - d)), 0.25 * (a + b + c + d) - whole[n])
         };
         // Of independent values of variance σ² the first have σ²/4, the second 5/4·σ². What varies
-        // linearly counts for nothing, since centres of quarters have its mean.
+        // linearly counts for nothing, since centres of quarters have its mean. Nor does what a quadratic
+        // does that was known before: three quarters of what the mean exceeds the centre by, and the twist.
         let variance = |n: usize| {
             let (twist, beside) = channel(n);
+            let twist = twist - 0.25 * before.twist[n].value();
+            let beside = beside - 0.75 * before.bend[n].value();
             0.5 * (4.0 * twist * twist + 0.8 * beside * beside)
         };
         let spread = (0..4).map(variance).fold(0.0, f64::max).sqrt() as f32;
@@ -285,23 +310,31 @@ impl Unevenness {
         };
         // Of a quadratic, midpoints of quarters are off by a quarter of what that of the square is.
         Self {
-            spread: spread.max(LEAST_LEFT * before),
+            spread: spread.max(LEAST_LEFT * before.spread),
             slope: (OF_LINEAR * (0..4).map(slope).fold(0.0, f64::max)).sqrt() as f32,
-            bend: std::array::from_fn(|n| (channel(n).1 / 3.0) as f32),
-            edges,
+            bend: std::array::from_fn(|n| Half::of(channel(n).1 / 3.0)),
+            twist: std::array::from_fn(|n| Half::of(channel(n).0)),
+            edges: before.edges,
         }
     }
 
     /// The unevenness of the `n`-th of these quarters alone, beyond whose ray values change by
-    /// `beyond` to those of the pixels at the left, at the right, above and below. At the square's
-    /// sides it keeps the edges that are known there, but for what its ray lies behind already; at
+    /// `beyond` to those of the pixels at the left, at the right, above and below, which sides are its
+    /// pixel's `own`. At these it keeps the edges that are known there, at others of the square a part of
+    /// them, but for what its ray lies behind already; at
     /// its inner sides there may be what its rays differ by from the others', as far as that is not
     /// smooth.
-    pub(super) fn of_quarter(&self, n: usize, quarters: [&[f64; 4]; 4], beyond: [f64; 4]) -> Self {
+    pub(super) fn of_quarter(
+        &self,
+        n: usize,
+        quarters: [&[f64; 4]; 4],
+        (beyond, own): ([f64; 4], [bool; 4]),
+    ) -> Self {
         let edges = std::array::from_fn(|side| {
             let axis = side / 2;
             let most = if n >> axis & 1 == side % 2 {
-                self.edges[side]
+                let left = if own[side] { 1.0 } else { EDGE_LEFT };
+                upper_half(left * Half(self.edges[side]).value())
             } else {
                 let pairs = quarters[n].iter().zip(quarters[n ^ 1 << axis]);
                 let change = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
@@ -314,7 +347,7 @@ impl Unevenness {
 
     /// What is known of a square of which only edges are known, as [`Self::with_edges`] has them.
     pub(super) fn of_edges(edges: [f64; 4]) -> Self {
-        Self { spread: 0.0, slope: 0.0, bend: [0.0; 4], edges: [0; 4] }.with_edges(edges)
+        Self::default().with_edges(edges)
     }
 
     /// This unevenness with other edges: by how much values may change at the left, right, upper
@@ -345,7 +378,9 @@ impl Unevenness {
         Self {
             spread: (0..4).map(variance).fold(0.0, f64::max).sqrt() as f32,
             slope: (OF_LINEAR * (0..4).map(slope).fold(0.0, f64::max)).sqrt() as f32,
-            bend: std::array::from_fn(|c| bend(c) as f32),
+            bend: std::array::from_fn(|c| Half::of(bend(c))),
+            // Of x·y the product is 4, and a pixel's own quarters differ by a 16th, a fourth of its twist.
+            twist: std::array::from_fn(|c| Half::of(product(c, [1, 1]) / 16.0)),
             edges: [0; 4],
         }
     }
@@ -357,7 +392,7 @@ impl Unevenness {
 
     /// By how much a mean exceeds its centre's ray in channel `c`.
     pub(super) fn bend(&self, c: usize) -> f64 {
-        f64::from(self.bend[c])
+        self.bend[c].value()
     }
 
     /// By how much a mean is from its centre's ray, at most in any channel.
@@ -369,14 +404,14 @@ impl Unevenness {
     /// edge runs through many squares alike, rays at their centres would all be off alike. Where
     /// values vary smoothly, a ray elsewhere would tell less.
     pub(super) fn scatter(&self) -> f64 {
-        let spread = self.spread();
-        if spread > 0.0 { (spread / f64::from(self.slope)).min(1.0) } else { 0.0 }
+        let [spread, slope] = [self.spread, self.slope].map(f64::from);
+        if spread > SMOOTH * slope { (spread / slope).min(1.0) } else { 0.0 }
     }
 
     /// The standard deviation of a square's rays.
     pub(super) fn spread(&self) -> f64 {
         let edge = self.edges.iter().fold(0, |most, edge| *edge.max(&most));
-        f64::from(self.spread).max(UNSEEN * f64::from(f32::from_bits(u32::from(edge) << 16)))
+        f64::from(self.spread).max(UNSEEN * Half(edge).value())
     }
 
     /// What a square that is `weight` of its pixel adds to its variance.
@@ -409,10 +444,32 @@ mod tests {
     #[test]
     fn slopes_are_even_and_bends_are_what_midpoints_miss() {
         let slope = uneven(|[x, y]| 5.0 + 3.0 * x - 2.0 * y);
-        assert!(slope.spread < 1e-6 && slope.bend.iter().all(|bend| bend.abs() < 1e-6));
+        assert!(slope.spread < 1e-6 && slope.most_bend() < 1e-6);
         // The mean of (x − c)² over a quarter is its centre's and 1/48 more.
         let bent = uneven(|[x, _]| (x - CENTRE[0]).powi(2));
-        assert!(bent.bend.iter().all(|bend| (bend - 1.0 / 48.0).abs() < 1e-6), "{bent:?}");
+        assert!((bent.most_bend() * 48.0 - 1.0).abs() < 0.004, "{bent:?}");
+    }
+
+    #[test]
+    fn what_bends_and_twists_as_it_was_known_to_is_not_uneven() {
+        let smooth = |[x, y]: [f64; 2]| {
+            let (x, y) = (x - CENTRE[0], y - CENTRE[1]);
+            0.3 + x - 2.0 * y + 0.7 * x * x + 1.5 * x * y - 0.4 * y * y
+        };
+        let places = std::array::from_fn(|n| {
+            smooth([CENTRE[0] + (n % 3) as f64 - 1.0, CENTRE[1] + (n / 3) as f64 - 1.0])
+        });
+        let mut known = Unevenness::around(&places.map(|value| [value; 4]));
+        let mut square = whole();
+        for _ in 0..4 {
+            let quarters = square.quarters().map(|quarter| found(quarter, smooth));
+            let values = std::array::from_fn(|n| &quarters[n].value);
+            let whole = found(square, smooth).value;
+            let [foretold, new] =
+                [Some(known), None].map(|known| Unevenness::of(&whole, known, values));
+            assert!(foretold.spread < 0.02 * new.spread, "{} {}", foretold.spread, new.spread);
+            (square, known) = (quarters[1].square, foretold);
+        }
     }
 
     /// Numbers between 0 and 1 that seem to know nothing of each other.
@@ -430,7 +487,9 @@ mod tests {
         let even = around(&|x, y| 5.0 + 3.0 * x - 2.0 * y + x * y + 6.0 * x * x - 2.0 * y * y);
         assert!(even.likely() < 1e-6);
         // The mean over a pixel of x² is 1/12 above that of its centre.
-        assert!((even.bend(0) - 4.0 / 12.0).abs() < 1e-6 && even.most_bend() == even.bend(3));
+        assert!(
+            (even.bend(0) - 4.0 / 12.0).abs() < 0.004 / 3.0 && even.most_bend() == even.bend(3)
+        );
         let count = 20_000_u32;
         let variance: f64 = (0..count)
             .map(|k| around(&|x, y| hash(9 * u64::from(k) + (3.0 * y + x) as u64)).spread().powi(2))
@@ -456,7 +515,8 @@ mod tests {
 
     #[test]
     fn what_is_given_up_is_likely_as_before_and_no_longer_changeable() {
-        let rough = Unevenness { spread: 0.5, slope: 0.0, bend: [0.1; 4], edges: [0; 4] };
+        let bend = [Half::of(0.1); 4];
+        let rough = Unevenness { spread: 0.5, bend, ..Unevenness::default() };
         let quarters = whole()
             .quarters()
             .map(|quarter| Found { uneven: Some(rough), ..found(quarter, |_| 1.0) });
@@ -464,10 +524,12 @@ mod tests {
         pixel.leave(&found(whole(), |_| 1.0), 1.0);
         pixel.learn(&found(whole(), |_| 1.0), &[rough; 4], 1.0, &ErrorShares::default());
         let likely = pixel.unlikely(0.0);
-        assert!((likely - DEVIATIONS * 0.25 - 0.1).abs() < 1e-7 && pixel.changeable(0.0) == likely);
+        let bend = rough.most_bend();
+        assert!((likely - DEVIATIONS * 0.25 - bend).abs() < 1e-7);
+        assert_eq!(pixel.changeable(0.0), likely);
         quarters[..3].iter().for_each(|quarter| pixel.give_up(quarter, 0.25));
         assert!((pixel.unlikely(0.0) - likely).abs() < 1e-7);
-        assert!((pixel.changeable(0.0) - DEVIATIONS * 0.125 - 0.025).abs() < 1e-7);
+        assert!((pixel.changeable(0.0) - DEVIATIONS * 0.125 - 0.25 * bend).abs() < 1e-7);
         assert_eq!(pixel.value, [0.75; 4]);
         // Of what is not known at all.
         let mut pixel = Pixel::default();
@@ -480,7 +542,10 @@ mod tests {
     #[test]
     fn what_is_bright_leaves_nothing_behind_once_it_is_known() {
         let mut pixel = Pixel::default();
-        let bright = |spread| Unevenness { spread, slope: 0.0, bend: [-spread; 4], edges: [0; 4] };
+        let bright = |spread: f32| {
+            let bend = [Half::of(-f64::from(spread)); 4];
+            Unevenness { spread, bend, ..Unevenness::default() }
+        };
         let mut square = whole();
         pixel.leave(&found(square, |_| 0.0), 1.0);
         assert_eq!(pixel.unlikely(0.0), f64::INFINITY);
@@ -498,7 +563,7 @@ mod tests {
             (square, before) = (square.quarters()[0], Some(quarters));
             weight *= 0.25;
         }
-        let expected = weight * 1e-3 * (DEVIATIONS + 1.0);
+        let expected = weight * (1e-3 * DEVIATIONS + bright(1e-3).most_bend());
         assert!((pixel.unlikely(0.0) / expected - 1.0).abs() < 1e-5, "{}", pixel.unlikely(0.0));
     }
 }

@@ -124,13 +124,15 @@ impl Sheet {
         Some(self.firsts[number].value.map(f64::from))
     }
 
-    /// By how much a ray differs from the first rays of the pixels beside its own, on each side.
-    pub(super) fn beyond(&self, found: &Found) -> [f64; 4] {
+    /// By how much a square's ray differs from the first rays of the pixels beside its own, on each side,
+    /// and which of its sides are that one's.
+    pub(super) fn around(&self, found: &Found) -> ([f64; 4], [bool; 4]) {
         let place = self.order.place(usize::from(found.square.pixel));
-        std::array::from_fn(|side| match self.first(place, SIDES[side]) {
+        let beyond = std::array::from_fn(|side| match self.first(place, SIDES[side]) {
             Some(next) => (0..4).map(|c| (next[c] - found.value[c]).abs()).fold(0.0, f64::max),
             None => self.beyond_rim(place, side, &found.value),
-        })
+        });
+        (beyond, found.square.sides_of_pixel())
     }
 
     /// By how much first rays change at an edge between a pixel's and the next one's on a side: such
