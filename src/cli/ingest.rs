@@ -10,12 +10,12 @@ use super::paths::refuse_same;
 use super::progress::Bar;
 use super::stats_file::StatsFile;
 use super::{size, values};
-use crate::cache::Header;
+use crate::cache::{Cache, Header};
 use crate::derive::Derived;
 use crate::ingest::{Options, Progress, Stage, refuse_source_files};
 use crate::source::Source;
 use crate::space::Decimal;
-use crate::{Result, source};
+use crate::{Error, Result, source};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -73,6 +73,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(stats) = &arguments.stats {
         let cache = ("the cache", arguments.output.as_path());
         refuse_same(&[("the stats", stats), cache], &[("the input", &arguments.input)])?;
+    }
+    if Cache::is_cache(&arguments.input) {
+        return Err(Error::request(format!(
+            "{}: is a cache already; name the simulation's output that is to be ingested",
+            arguments.input.display()
+        )));
     }
     let source = source::open(&arguments.input, arguments.format.as_deref())?;
     let source = Derived::new(source.as_ref(), &arguments.derive)?;

@@ -130,7 +130,9 @@ impl Node {
 fn unreadable(text: &str, at: usize) -> String {
     let (before, rest) = text.split_at_checked(at).unwrap_or((text, ""));
     if rest.trim().is_empty() {
-        return "it ends where a number, a field, a function or `)` is due".into();
+        let is_open = before.rfind('{') > before.rfind('}');
+        let due = if is_open { "`}`" } else { "a number, a field, a function or `)`" };
+        return format!("it ends where {due} is due");
     }
     let shown: String = rest.chars().take(20).collect();
     let place = before.chars().count() + 1;
@@ -199,7 +201,8 @@ mod tests {
 
     #[test]
     fn faults_are_told_with_their_place() {
-        assert!(refused("a + ").contains("it ends where"));
+        assert!(refused("a + ").contains("it ends where a number"));
+        assert!(refused("a + {phi").contains("it ends where `}` is due"));
         assert!(refused("ä + )").contains("character 5 on: `)`"));
         assert!(refused("a ! b\n").contains("character 3 on: `! b\\n`"));
         assert!(refused("squrt(a)").contains("no function `squrt`: there are sqrt, abs"));

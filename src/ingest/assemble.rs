@@ -12,6 +12,9 @@ use crate::{Error, Result};
 
 /// Largest magnitude that is taken: sums of eight stay finite.
 const LARGEST: f64 = 1e300;
+/// Regions that reach into a cell by no more than this share of its width do not touch it: where edges of
+/// the domain are no binary fractions, decimals of faces are beside them.
+const LEAST_SHARE: f64 = 1e-6;
 
 /// What is left out of the cache, and how values are stored.
 #[derive(Debug, Clone, Default)]
@@ -183,7 +186,13 @@ impl Assembler<'_> {
     fn in_region(&self, octree: i32, cell: [i128; 3]) -> bool {
         let Some(region) = &self.rules.region else { return true };
         let shift = i64::from(crate::space::MAX_OCTREE_LEVEL) - i64::from(octree);
-        (0..3).all(|a| cell[a] << shift < region.hi[a] && region.lo[a] < (cell[a] + 1) << shift)
+        let least = ((1i128 << shift) as f64 * LEAST_SHARE) as i128;
+        (0..3).all(|a| {
+            // Of a region that is thinner itself all of it.
+            let least = least.min((region.hi[a] - region.lo[a]) / 4);
+            let [lo, hi] = [region.lo[a] + least, region.hi[a] - least];
+            cell[a] << shift < hi && lo < (cell[a] + 1) << shift
+        })
     }
 
     fn overlap(&self, job: &Job, number: u64, first: [i128; 3]) -> Result<Error> {

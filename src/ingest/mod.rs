@@ -315,12 +315,17 @@ fn rules(options: &Options, domain: &Domain) -> Result<Rules> {
 fn region(corners: &[[Decimal; 3]; 2], domain: &Domain) -> Result<IndexBox> {
     let [lo, hi] = [domain.position(&corners[0])?, domain.position(&corners[1])?];
     let shift = FRACTION_BITS - MAX_OCTREE_LEVEL;
+    if let Some(a) = (0..3).find(|&a| lo.0[a] >= hi.0[a]) {
+        let axis = ["x", "y", "z"][a];
+        return Err(Error::request(format!(
+            "--region: the box has no extent along {axis}: give its lower corner, then its upper one"
+        )));
+    }
     let region = IndexBox { lo: lo.0.map(|c| c >> shift), hi: hi.0.map(|c| -((-c) >> shift)) };
     let upper = domain.upper().0.map(|c| c >> shift);
     if region.intersection(&IndexBox { lo: [0; 3], hi: upper }).is_empty() {
         return Err(Error::request(
-            "--region: the box is empty or lies outside the domain: give its lower corner, then \
-             its upper one",
+            "--region: the box lies outside the domain: `info` says where that is",
         ));
     }
     Ok(region)

@@ -1,5 +1,4 @@
-//! Where cells were dropped the data end as they do at the domain's edge, whatever the dropped cells'
-//! level.
+//! Which cells a region drops, and how data end beside dropped ones.
 
 #![allow(clippy::unwrap_used)] // a test's way to fail
 
@@ -82,4 +81,31 @@ fn dropped_cells_of_any_level_border_like_the_domains_edge() {
 
 fn decimal(x: f64) -> Decimal {
     Decimal::from_shortest(x).unwrap()
+}
+
+#[test]
+fn a_region_on_faces_keeps_the_cells_between_them() {
+    // Neither the edges nor the cells are binary fractions.
+    let source = MemorySource::new([-0.3, 0.1, -1.0], [0.9, 0.9, 0.6], [24, 16, 32], &[])
+        .unwrap()
+        .grid(0, [0; 3], [24, 16, 32], |cell| noise(0, cell));
+    let folder = tempfile::tempdir().unwrap();
+    let kept = |name: &str, region: [[&str; 3]; 2]| {
+        let region = Some(region.map(|corner| corner.map(|c| Decimal::parse(c).unwrap())));
+        let options = Options { region, ..Options::default() };
+        let path = folder.path().join(name);
+        let header = ingest(&source, &path, &options, &mut Progress::new(&mut |_, _, _| {}))?;
+        Ok::<_, deepfield::Error>(24 * 16 * 32 - header.fields[0].dropped_cells)
+    };
+    let on_faces = kept("faces.dfc", [["0.0", "0.2", "-0.5"], ["0.3", "0.5", "-0.2"]]);
+    assert_eq!(on_faces.unwrap(), 6 * 6 * 6);
+    // What it touches stays whole, however thin it is.
+    let within = kept("within.dfc", [["-0.01", "0.21", "-0.5"], ["0.31", "0.22", "-0.2"]]);
+    assert_eq!(within.unwrap(), 8 * 6);
+    let thin = kept("thin.dfc", [["0.02", "0.21", "-0.5"], ["0.02000000001", "0.22", "-0.2"]]);
+    assert_eq!(thin.unwrap(), 6);
+    for swapped in [[["0.4", "0.2", "-0.5"], ["0.3", "0.5", "-0.2"]], [["0"; 3], ["0", "1", "1"]]] {
+        let refused = kept("swapped.dfc", swapped).unwrap_err().to_string();
+        assert!(refused.contains("no extent along x"), "{refused}");
+    }
 }
