@@ -22,6 +22,8 @@ const SMALL_ALONE_PER_PIXEL: u64 = 4096;
 /// quarters: all of those of pixels that are drawn together have room.
 const LEAST_ALONE: u64 = 16 << 10;
 const MOST_HALVED: u32 = 3;
+/// Rays of a picture, about, by which what may shine is looked for where bounds are not sought.
+const SCOUTING: u64 = 512_000;
 /// Rays of a picture's dark pixels, about, that need not be dark by their bounds; fewer than the quarters
 /// of quarters tell too little to be worth their time.
 const GLINTS: u64 = 1 << 22;
@@ -61,7 +63,7 @@ impl Effort {
             most,
             most_certified: UNEVEN * most,
             worthwhile,
-            scouting: worthwhile.min(most),
+            scouting: each(SCOUTING).clamp(FEWEST_PER_PIXEL, most),
             most_alone: alone.max(each(SMALL_ALONE).min(SMALL_ALONE_PER_PIXEL)),
             least_halvings: halvings(LEAST_ALONE) as u8,
             glint_halvings: glints.unwrap_or(0) as u8,
