@@ -41,14 +41,14 @@ impl Storage {
         let below = AS_GOOD_AS_ZERO * zero.abs();
         // What the slope is rounded up by counts from x = `low` on.
         let steeper = f64::from(up(slope)) - slope;
-        let base = if lowest >= zero - below {
-            slope * (beneath.min(highest - low) + 2.0 * below - zero) + rounded + lost
-                - steeper * low
+        let own = slope * (2.0 * below - zero) + rounded + lost;
+        let (own, base) = if lowest >= zero - below {
+            (own, own + slope * beneath.min(highest - low) - steeper * low)
         } else {
-            f64::INFINITY
+            (f64::INFINITY, f64::INFINITY)
         };
         Self {
-            most: up(most.min(farthest_below_one(base, slope))),
+            most: up(most.min(farthest_below_one(own, slope))),
             base: up(base),
             slope: up(slope),
         }
@@ -91,8 +91,8 @@ impl Storage {
     }
 }
 
-/// How far from a place up to 1 x may be if the truth, within `base` + `slope`·x of it, may lie on the other
-/// side: above it x(1 − slope) − base is at most 1, and below x itself is.
+/// How far from a place up to 1 a stored x may be if the source's, within `base` + `slope`·x of it, may lie
+/// on the other side: above it x(1 − slope) − base is at most 1, and below x itself is.
 fn farthest_below_one(base: f64, slope: f64) -> f64 {
     let is_known = base.is_finite() && slope < 1.0;
     if is_known { ((base + slope) / (1.0 - slope)).max(base).max(0.0) } else { f64::INFINITY }
@@ -209,28 +209,30 @@ mod tests {
                 _ => -v.abs(),
             } * 50.0 + log10_floor;
             let (mut own, mut beneath) = (Vec::new(), 0.0_f64);
-            let (mut drawn, mut truth, mut total) = (0.0, 0.0, 0.0);
-            for ((v, finer, off), weight) in values.iter().zip(&weights) {
+            let (mut drawn, mut kept, mut off, mut total) = (0.0, 0.0, 0.0, 0.0);
+            for ((v, finer, error), weight) in values.iter().zip(&weights) {
                 let x = mapping.unclamped(value(*v));
                 let stored = value(*v) + apart * finer;
-                let source = stored / (1.0 + STORED * off);
+                let source = stored / (1.0 + STORED * error);
                 beneath = beneath.max((mapping.unclamped(stored) - x).abs());
                 own.push(x);
                 drawn += weight * x;
                 // By storage alone: both of what is beneath.
-                truth += weight * (mapping.unclamped(source) - mapping.unclamped(stored)).abs();
+                kept += weight * mapping.unclamped(stored);
+                off += weight * (mapping.unclamped(source) - mapping.unclamped(stored)).abs();
                 total += weight;
             }
             let low = own.iter().copied().fold(f64::INFINITY, f64::min);
             let high = own.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             let storage = Storage::new(&rounding, [low, high], (beneath, [f64::NEG_INFINITY, f64::INFINITY]));
-            let (x, off) = (drawn / total, truth / total);
+            let [x, kept, off] = [drawn, kept, off].map(|sum| sum / total);
             let bound = storage.up_to(x) * (1.0 + 1e-9);
-            for other in [x - off, x + off] {
-                prop_assert!((x.min(1.0) - other.min(1.0)).abs() <= bound, "{off:e} {bound:e} {storage:?}");
+            for other in [kept - off, kept + off] {
+                let shown = (kept.min(1.0) - other.min(1.0)).abs();
+                prop_assert!(shown <= bound, "{shown:e} {bound:e} {storage:?}");
                 for place in [-0.5, 0.0, 0.3, 0.99, 1.0] {
-                    let is_crossed = (other < place) != (x < place);
-                    let [_, reach] = Reach { storage, ..Reach::default() }.near(place);
+                    let is_crossed = (other < place) != (kept < place);
+                    let [_, reach] = Reach { others: beneath, storage, is_elsewhere: true }.near(place);
                     prop_assert!(!is_crossed || (x - place).abs() <= reach * (1.0 + 1e-9));
                 }
             }
