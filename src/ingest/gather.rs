@@ -26,7 +26,7 @@ pub(super) struct Gatherer<'s> {
 
 /// Where a block lies: the bricks around, and its first cell, counted from the lowest one of that at
 /// their centre.
-struct Region<'n> {
+struct BlockPlace<'n> {
     neighbours: &'n Neighbourhood,
     first: [i32; 3],
 }
@@ -41,7 +41,7 @@ impl Gatherer<'_> {
     pub(super) fn gather(&self, neighbours: &Arc<Neighbourhood>, raw: &mut RawBrick) -> Result<()> {
         let lowest = neighbours.place.lowest_cell(self.shape);
         let mut ancestor = Some(neighbours);
-        let mut places: Vec<Region<'_>> = Vec::new();
+        let mut places: Vec<BlockPlace<'_>> = Vec::new();
         while let Some(neighbours) = ancestor {
             let up = places.len();
             raw.blocks.resize_with(raw.blocks.len().max(up + 1), Block::default);
@@ -49,10 +49,10 @@ impl Gatherer<'_> {
                 let own = neighbours.place.lowest_cell(self.shape)[a];
                 ((lowest[a] >> up) - own) as i32 - 1
             });
-            let region = Region { neighbours, first };
+            let place = BlockPlace { neighbours, first };
             raw.blocks[up].reset(self.shape.side(up));
-            let complete = self.gather_block(&region, &mut raw.blocks[up])?;
-            places.push(region);
+            let complete = self.gather_block(&place, &mut raw.blocks[up])?;
+            places.push(place);
             if complete && up > 0 {
                 break;
             }
@@ -60,23 +60,23 @@ impl Gatherer<'_> {
         }
         raw.blocks.truncate(places.len());
         if raw.blocks.iter().any(has_void) {
-            for (up, region) in places.iter().enumerate().rev() {
+            for (up, place) in places.iter().enumerate().rev() {
                 let (finer, coarser) = raw.blocks.split_at_mut(up + 1);
                 let Some(block) = finer.last_mut() else { continue };
                 let above = coarser.first().map(|above| Above::new(above, block.side, lowest, up));
                 if let Some(above) = &above {
                     above.spread_void(block);
                 }
-                self.fill_void(region, above.as_ref(), block)?;
+                self.fill_void(place, above.as_ref(), block)?;
             }
         }
         Ok(())
     }
 
     /// Gathers a block. Whether every cell inside the domain exists.
-    fn gather_block(&self, region: &Region<'_>, block: &mut Block) -> Result<bool> {
+    fn gather_block(&self, place: &BlockPlace<'_>, block: &mut Block) -> Result<bool> {
         let (edge, side) = (self.shape.edge() as i32, block.side);
-        let &Region { neighbours, first } = region;
+        let &BlockPlace { neighbours, first } = place;
         let steps = |a: usize| {
             let last = first[a] + side as i32 - 1;
             first[a].div_euclid(edge)..=last.div_euclid(edge)
@@ -160,7 +160,7 @@ impl Gatherer<'_> {
     /// level has nothing there, since holes beside them may be filled by theirs.
     fn fill_void(
         &self,
-        region: &Region<'_>,
+        place: &BlockPlace<'_>,
         above: Option<&Above<'_>>,
         block: &mut Block,
     ) -> Result<()> {
@@ -170,7 +170,7 @@ impl Gatherer<'_> {
                 continue;
             }
             let local = [at % block.side, at / block.side % block.side, at / block.side.pow(2)];
-            if let Some(value) = self.mean_of_kept(region, local, &mut around)? {
+            if let Some(value) = self.mean_of_kept(place, local, &mut around)? {
                 block.values[at] = value;
             } else if block.states[at] == state::IN_COARSER_VOID {
                 block.states[at] = 0;
@@ -184,7 +184,7 @@ impl Gatherer<'_> {
     /// The mean of a cell's kept neighbours, those that are nearest.
     fn mean_of_kept(
         &self,
-        &Region { neighbours, first }: &Region<'_>,
+        &BlockPlace { neighbours, first }: &BlockPlace<'_>,
         local: [usize; 3],
         around: &mut Around,
     ) -> Result<Option<f32>> {

@@ -149,7 +149,7 @@ pub(crate) struct Lent {
     pub(crate) apart: Sums,
     /// What of that difference is not linear in their displacement.
     pub(crate) bent: Sums,
-    pub(crate) quadrature: f64,
+    quadrature: f64,
 }
 
 impl Lent {

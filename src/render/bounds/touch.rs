@@ -1,5 +1,5 @@
-//! How far the rays of a square are apart in a brick, and over how much of a ray's way through a cell the rays of its square are on both sides of a
-//! plane at which formulas change.
+//! How far the rays of a square are apart in a brick, and over how much of a ray's way through a cell
+//! they are on both sides of a plane at which formulas change.
 
 use crate::render::brick::walk::Step;
 use crate::render::camera::frame::LocalRay;

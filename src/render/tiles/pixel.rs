@@ -237,8 +237,8 @@ pub(super) struct Unevenness {
     /// How the square's quarters differ crosswise: those of this quarter by a fourth of it, likewise.
     twist: [Half; 4],
     /// By how much values may change at an edge that runs through it, and has not been seen: at its
-    /// left, right, upper and lower side. Rounded up, as upper halves of f32.
-    edges: [u16; 4],
+    /// left, right, upper and lower side. Rounded up.
+    edges: [Half; 4],
 }
 
 impl Alone {
@@ -265,8 +265,8 @@ impl Alone {
     }
 }
 
-/// The upper half of an f32: a number to 0.4 % of itself. Many squares wait.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+/// The upper half of an f32: a number to 0.8 % of itself. Many squares wait.
+#[derive(Debug, Clone, Copy, Default)]
 struct Half(u16);
 
 impl Half {
@@ -274,14 +274,15 @@ impl Half {
         Self(((x as f32).to_bits() >> 16) as u16)
     }
 
+    /// No smaller than a number ≥ 0.
+    fn no_less(x: f64) -> Self {
+        let half = Self::of(x.min(f64::from(f32::MAX)));
+        if half.value() < x { Self(half.0 + 1) } else { half }
+    }
+
     fn value(self) -> f64 {
         f64::from(f32::from_bits(u32::from(self.0) << 16))
     }
-}
-
-/// The upper half of an f32 that is no smaller than a number ≥ 0; these compare like the numbers.
-fn upper_half(x: f64) -> u16 {
-    if x == 0.0 { 0 } else { ((x as f32).min(f32::MAX).to_bits() >> 16) as u16 + 1 }
 }
 
 impl Unevenness {
@@ -334,13 +335,13 @@ impl Unevenness {
             let axis = side / 2;
             let most = if n >> axis & 1 == side % 2 {
                 let left = if own[side] { 1.0 } else { EDGE_LEFT };
-                upper_half(left * Half(self.edges[side]).value())
+                left * self.edges[side].value()
             } else {
                 let pairs = quarters[n].iter().zip(quarters[n ^ 1 << axis]);
                 let change = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-                upper_half(change.min(OF_EDGE * f64::from(self.spread)))
+                change.min(OF_EDGE * f64::from(self.spread))
             };
-            most.min(upper_half(beyond[side]))
+            Half::no_less(most.min(beyond[side]))
         });
         Self { edges, ..*self }
     }
@@ -353,7 +354,7 @@ impl Unevenness {
     /// This unevenness with other edges: by how much values may change at the left, right, upper
     /// and lower side.
     pub(super) fn with_edges(self, edges: [f64; 4]) -> Self {
-        Self { edges: edges.map(upper_half), ..self }
+        Self { edges: edges.map(Half::no_less), ..self }
     }
 
     /// The unevenness of a pixel, from its centre's ray and those of the eight around it, row by
@@ -381,7 +382,7 @@ impl Unevenness {
             bend: std::array::from_fn(|c| Half::of(bend(c))),
             // Of x·y the product is 4, and a pixel's own quarters differ by a 16th, a fourth of its twist.
             twist: std::array::from_fn(|c| Half::of(product(c, [1, 1]) / 16.0)),
-            edges: [0; 4],
+            edges: Default::default(),
         }
     }
 
@@ -410,8 +411,7 @@ impl Unevenness {
 
     /// The standard deviation of a square's rays.
     pub(super) fn spread(&self) -> f64 {
-        let edge = self.edges.iter().fold(0, |most, edge| *edge.max(&most));
-        f64::from(self.spread).max(UNSEEN * Half(edge).value())
+        self.edges.iter().fold(self.spread.into(), |most, edge| most.max(UNSEEN * edge.value()))
     }
 
     /// What a square that is `weight` of its pixel adds to its variance.

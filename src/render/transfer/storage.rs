@@ -18,6 +18,8 @@ const AS_GOOD_AS_ZERO: f64 = 1e-12;
 pub(crate) struct Storage {
     // Rounded up to f32: bricks have many of these.
     most: f32,
+    /// The largest difference of any value, from however far above.
+    largest: f32,
     base: f32,
     slope: f32,
 }
@@ -49,6 +51,7 @@ impl Storage {
         };
         Self {
             most: up(most.min(farthest_below_one(own, slope))),
+            largest: up(most),
             base: up(base),
             slope: up(slope),
         }
@@ -66,7 +69,7 @@ impl Storage {
 
     /// The bound where no more is known than the largest difference.
     pub(crate) fn at_most(most: f64) -> Self {
-        Self { most: up(most), base: f32::INFINITY, slope: 0.0 }
+        Self { most: up(most), largest: up(most), base: f32::INFINITY, slope: 0.0 }
     }
 
     /// The largest difference where x is at most `x`.
@@ -85,6 +88,7 @@ impl Storage {
         let is_one = self.slope == other.slope;
         Self {
             most: self.most.max(other.most),
+            largest: self.largest.max(other.largest),
             base: if is_one { self.base.max(other.base) } else { f32::INFINITY },
             slope: self.slope.max(other.slope),
         }
@@ -122,7 +126,8 @@ impl Reach {
         let [_, reach] = self.near(place);
         // Of anything else it is not said how it changes along the way. Corners of the cell may be
         // off by more than what is between them at the place.
-        let drift = if self.is_elsewhere { f64::INFINITY } else { DRIFT * self.storage.most() };
+        let drift =
+            if self.is_elsewhere { f64::INFINITY } else { DRIFT * f64::from(self.storage.largest) };
         x.share_across(place, reach, drift)
     }
 
@@ -162,8 +167,8 @@ mod tests {
 
     #[test]
     fn lines_of_several_slopes_are_joined() {
-        let flat = Storage { most: 4.0, base: 0.5, slope: 0.0 };
-        let steep = Storage { most: 3.0, base: 1.0, slope: 0.25 };
+        let flat = Storage { most: 4.0, largest: 4.0, base: 0.5, slope: 0.0 };
+        let steep = Storage { most: 3.0, largest: 3.0, base: 1.0, slope: 0.25 };
         let both = flat.max(steep);
         let (low, count) = (-3.0, 100);
         for n in 0..=count {
@@ -185,6 +190,20 @@ mod tests {
         assert!((own.share_across(&x, 0.5) - 1e-4).abs() < 1e-8);
         let elsewhere = Reach { is_elsewhere: true, ..own };
         assert!((elsewhere.share_across(&x, 0.5) - 2e-4).abs() < 1e-8);
+    }
+
+    #[test]
+    fn corners_far_above_the_range_drift_by_all_that_they_are_off_by() {
+        let extrema = FieldExtrema { minimum: 0.0, maximum: 1e9, smallest_positive: Some(1.0) };
+        let mapping = Mapping::new(Scale::Linear, Some([0.0, 1.0]), extrema, 1.0).unwrap();
+        let tree = [f64::NEG_INFINITY, f64::INFINITY];
+        let storage = Storage::new(&mapping.rounding(STORED, 0.0), [0.5, 1e6], (0.0, tree));
+        assert!(storage.most() < 1.1 * STORED && f64::from(storage.largest) >= 1e6 * STORED);
+        // x is flat beside what such corners may do: truth may cross on both sides.
+        let x = Polynomial([0.45, 0.1]);
+        let reach = Reach { others: 0.0, storage, is_elsewhere: false };
+        let alike = Reach { storage: Storage { largest: 1e-6, ..storage }, ..reach };
+        assert!(reach.share_across(&x, 0.5) > 1.5 * alike.share_across(&x, 0.5));
     }
 
     proptest! {
