@@ -69,6 +69,8 @@ struct Outcome {
     /// Pixels compared, and those whose reference is less exact than the bound.
     pixels: usize,
     undecided: usize,
+    /// Whose scene it is, and what it asks for.
+    scene: String,
     failure: Option<String>,
 }
 
@@ -147,12 +149,10 @@ impl Campaign {
         tally.reference_time += start.elapsed();
         tally.rays += reference.rays;
         let mut outcome = Outcome::new(&picture, &reference, trial, stored > 0.0);
-        if let Some(fault) = outcome.fault(&picture, &reference) {
-            outcome.failure = Some(format!(
-                "{}, stored error {stored}, {}: {fault}\n{}",
-                subject.name, trial.kind, trial.text
-            ));
-        }
+        let own = [&subject.name, &trial.kind, &trial.text];
+        outcome.scene = format!("{}, stored error {stored}, {}\n{}", own[0], own[1], own[2]);
+        outcome.failure =
+            outcome.fault(&picture, &reference).map(|fault| format!("{fault}: {}", outcome.scene));
         Ok(outcome)
     }
 }
@@ -204,6 +204,7 @@ impl Outcome {
             }),
             pixels: reference.places.len(),
             undecided: reference.places.iter().filter(unsure).count(),
+            scene: String::new(),
             failure: None,
         }
     }
@@ -274,9 +275,13 @@ impl Tally {
     /// How they compare with their tolerances and with what their pictures say of themselves.
     fn print_likelihood(&self) {
         let open = self.open_areas();
-        let mut parts: Vec<f64> = open.iter().map(|o| o.measured / o.tolerance).collect();
+        let part = |o: &Outcome| o.measured / o.tolerance;
+        let mut parts: Vec<f64> = open.iter().map(|o| part(o)).collect();
         parts.sort_by(f64::total_cmp);
         let (Some(most), Some(median)) = (parts.last(), parts.get(parts.len() / 2)) else { return };
+        for outcome in open.iter().filter(|o| !o.is_within[0]) {
+            eprintln!("{:.3} tolerances off: {}", part(outcome), outcome.scene);
+        }
         let count = |n: usize| open.iter().filter(|o| o.is_within[n]).count();
         eprintln!(
             "{} areas without a certificate: {} within the tolerance, {} within the estimate; \

@@ -315,7 +315,10 @@ mod tests {
         let kinds: [fn(usize, usize) -> u32; 5] = [
             |_, _| u32::MAX,
             |y, z| if y < 3 || z > 5 { 0x00ff_0ff0 } else { 0 },
-            |y, z| (y as u32 * 0x9e37_79b9) ^ (z as u32 * 0x85eb_ca6b).rotate_left(7),
+            |y, z| {
+                let noise = (y as u32).wrapping_mul(0x9e37_79b9);
+                noise ^ (z as u32).wrapping_mul(0x85eb_ca6b).rotate_left(7)
+            },
             |y, z| if (y, z) == (5, 2) { 1 } else { 0 },
             |y, z| if y == 7 && z == 7 { 0x8080_8080 } else { 0 },
         ];
