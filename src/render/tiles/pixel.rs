@@ -44,6 +44,8 @@ pub(super) struct Pixel {
     pub(super) weight: f64,
     /// What squares that were taken as they are may add to what it is off by.
     taken: f64,
+    /// Rays that stand for themselves, but for those at its outer sides.
+    pub(super) rays_alone: u32,
     /// Squares whose rays stand for themselves, with what these alone may be off by.
     alone: Alone,
 }

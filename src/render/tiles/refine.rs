@@ -137,14 +137,8 @@ impl Sheet {
         if batch.is_rim {
             return Some(batch);
         }
-        let rays = batch.squares.len() as u64;
-        if grid.has_area() && !batch.has_area {
-            self.alone += rays;
-            for square in &batch.squares {
-                self.alone_by_few[usize::from(square.pixel) / FEW_PIXELS] += 1;
-            }
-        } else {
-            self.rays += rays;
+        if batch.has_area || !grid.has_area() {
+            self.rays += batch.squares.len() as u64;
         }
         Some(batch)
     }
@@ -155,7 +149,7 @@ impl Sheet {
         while let Some((group, mut found, to_do)) = self.waiting.pop() {
             found.sort_by_key(|found| found.square.pixel);
             let Chosen { again, wholes } = if to_do.alone {
-                let mut wholes = self.still_unsure(grid, found);
+                let mut wholes = self.still_unsure(grid, &found);
                 self.add_wholes(grid, &mut wholes, &to_do);
                 Chosen { again: Vec::new(), wholes }
             } else {
@@ -220,24 +214,13 @@ impl Sheet {
         let Some(goal) = &self.goal else { return true };
         // Each pixel has taken one ray in the first batch.
         let others = self.rays.saturating_sub(self.pixels.len() as u64);
-        grid.has_area()
-            && others >= self.rays_up_to(group, GROUP_PIXELS, goal.rays_per_pixel.saturating_sub(1))
+        let per_pixel = goal.rays_per_pixel.saturating_sub(1);
+        grid.has_area() && others >= self.rays_of_first(group + 1, GROUP_PIXELS, per_pixel)
     }
 
-    /// Whether no more rays may be marched that stand for themselves, for a pixel: its group has taken
-    /// what it may, or, where pixels are finished a few at a time, these and those before them have.
-    fn is_over_alone(&self, pixel: usize) -> bool {
-        let Some(goal) = &self.goal else { return true };
-        let few = pixel / FEW_PIXELS;
-        let by_few = || self.alone_by_few[..=few].iter().sum::<u64>();
-        self.alone >= self.rays_up_to(pixel / GROUP_PIXELS, GROUP_PIXELS, goal.alone_per_pixel)
-            || self.waiting.is_crowded()
-                && by_few() >= self.rays_up_to(few, FEW_PIXELS, goal.alone_per_pixel)
-    }
-
-    /// Rays for the pixels up to those of the `number`-th group of `size` pixels.
-    fn rays_up_to(&self, number: usize, size: usize, per_pixel: u64) -> u64 {
-        let pixels = ((number + 1) * size).min(self.pixels.len());
+    /// Rays for the pixels of the first `count` groups of `size` pixels.
+    fn rays_of_first(&self, count: usize, size: usize, per_pixel: u64) -> u64 {
+        let pixels = (count * size).min(self.pixels.len());
         per_pixel.saturating_mul(pixels as u64)
     }
 

@@ -334,6 +334,23 @@ fn a_pixel_that_cannot_be_finished_leaves_rays_to_others_in_a_crowd() {
 }
 
 #[test]
+fn what_pixels_save_is_not_all_taken_by_those_that_follow() {
+    // One edge crosses every pixel of the lower rows, at a height of its own; the upper rows are even.
+    let light = |[x, y]: [f64; 2]| {
+        let height = 0.3 + 0.4 * (7.0 * x.floor() + 3.0 * y.floor()).sin().abs();
+        let is_lit = y.fract() > height + 0.2 * x.fract();
+        if y < 4.0 { 0.5 } else { f64::from(u8::from(is_lit)) }
+    };
+    let goal = Goal { alone_per_pixel: 256, tolerance: 1e-6, ..likely(false) };
+    let (rays, _) = draw_light(([64, 16], goal), light, hopeless, |x, y, pixel| {
+        // Of some 256 rays the last ones are at an edge's 32 squares of a 32nd of a pixel's width.
+        let error = pixel.estimate();
+        assert!(y < 4 || error < 0.035, "{error} at {x}, {y}");
+    });
+    assert!(rays <= 257 * 64 * 16 + rim(64, 16), "{rays}");
+}
+
+#[test]
 fn what_is_alike_in_all_pixels_is_seen_by_witnesses() {
     // Stairs of a pixel's width: centres lie on a straight line, and means on another one.
     let light = |[x, y]: [f64; 2]| 0.01 * (x + 0.4).floor() - 0.02 * (y + 0.7).floor();

@@ -9,7 +9,7 @@ use crate::render::bounds::ray_error::ErrorShares;
 use crate::render::camera::rays::PixelGrid;
 use crate::render::plan::goal::Goal;
 use crate::render::tiles::pixel::{Pixel, Unevenness, own};
-use crate::render::tiles::waiting::{Found, ToDo, Urgency};
+use crate::render::tiles::waiting::{FEW_PIXELS, Found, ToDo, Urgency};
 
 /// The parts of a tolerance that a mean of rays that stand for themselves may be off by, where
 /// little else is and where much is, and that are room for what these are off by themselves.
@@ -18,6 +18,11 @@ const LEAST_MEAN_SHARE: f64 = 0.1;
 const ALONE_SHARE: f64 = 0.6;
 /// Dark pixels may be bright by bounds of so many tolerances.
 const FAR: f64 = 4.0;
+/// Rays of a square that is quartered.
+const QUARTERS: u32 = 4;
+/// Of what the pixels before have left of their rays, a few that are finished together may take one part
+/// in so many: those that follow may need as many.
+const OF_SAVED: u64 = 4;
 /// A quarter of a square stands out that may do more than this part of the square's harm.
 const STANDS_OUT: f64 = 0.4;
 
@@ -48,23 +53,54 @@ impl Batch {
 }
 
 impl Sheet {
-    /// The squares of `found` that are to be quartered for their pixels' mean; the others are taken
-    /// as they are.
-    pub(super) fn still_unsure(&mut self, grid: &PixelGrid, found: Vec<Found>) -> Vec<Found> {
+    /// The squares of `found` that are to be quartered for their pixels' mean, whose rays are counted;
+    /// the others are taken as they are. Should rays end, pixels of few squares have theirs first.
+    pub(super) fn still_unsure(&mut self, grid: &PixelGrid, found: &[Found]) -> Vec<Found> {
         let mut left = Vec::with_capacity(found.len());
-        for found in found {
+        let of_pixels = found.chunk_by(|a, b| a.square.pixel == b.square.pixel);
+        let mut of_pixels: Vec<_> = of_pixels.collect();
+        of_pixels.sort_by_key(|found| found.len());
+        for found in of_pixels.into_iter().flatten() {
             let pixel = usize::from(found.square.pixel);
-            if self.take_by_neighbours(&found) {
+            if self.take_by_neighbours(found) {
                 continue;
             }
             let is_over = self.is_over_alone(pixel);
-            if is_over || found.square.halvings >= MOST_HALVINGS || self.is_likely(&found) {
-                self.pixels[pixel].draw(&found, grid.weight(&found.square));
+            if is_over || found.square.halvings >= MOST_HALVINGS || self.is_likely(found) {
+                self.pixels[pixel].draw(found, grid.weight(&found.square));
             } else {
-                left.push(found);
+                self.alone += u64::from(QUARTERS);
+                self.alone_by_few[pixel / FEW_PIXELS] += u64::from(QUARTERS);
+                self.pixels[pixel].rays_alone += QUARTERS;
+                left.push(*found);
             }
         }
+        left.sort_by_key(|found| found.square.pixel);
         left
+    }
+
+    /// Whether no more rays may be marched that stand for themselves, for a pixel: its group and those
+    /// before it have taken what they may, or, where pixels are finished a few at a time, these have.
+    fn is_over_alone(&self, pixel: usize) -> bool {
+        let Some(goal) = &self.goal else { return true };
+        let group = pixel / GROUP_PIXELS;
+        self.alone >= self.rays_of_first(group + 1, GROUP_PIXELS, goal.alone_per_pixel)
+            || self.waiting.is_crowded() && self.is_over_among_few(goal, pixel)
+    }
+
+    /// The same of a few pixels alone, which have their own rays and some that those before have left.
+    /// What the others of them have not taken yet, and may need, is left to these.
+    fn is_over_among_few(&self, goal: &Goal, pixel: usize) -> bool {
+        let few = pixel / FEW_PIXELS;
+        let rays = |count| self.rays_of_first(count, FEW_PIXELS, goal.alone_per_pixel);
+        let (before, own) = (rays(few), rays(few + 1) - rays(few));
+        let saved = before.saturating_sub(self.alone_by_few[..few].iter().sum());
+        let others = self.pixels.iter().enumerate().skip(few * FEW_PIXELS).take(FEW_PIXELS);
+        let others = others.filter(|(other, _)| *other != pixel).map(|(_, other)| other);
+        let needed = others
+            .filter(|other| other.changeable(0.0) > self.room_for_mean(other.beside_mean()))
+            .map(|other| goal.alone_per_pixel.saturating_sub(other.rays_alone.into()));
+        self.alone_by_few[few] + needed.sum::<u64>() >= own + saved / OF_SAVED
     }
 
     /// Adds whole pixels of the groups that follow, where they are next, while there is room for their
@@ -77,7 +113,7 @@ impl Sheet {
         }
         while wholes.len() + GROUP_PIXELS <= BATCH_RAYS / 4 {
             let Some(found) = self.waiting.pop_like(to_do, is_whole) else { break };
-            wholes.extend(self.still_unsure(grid, found));
+            wholes.extend(self.still_unsure(grid, &found));
         }
         wholes.sort_by_key(|found| found.square.pixel);
     }
