@@ -73,6 +73,8 @@ pub(crate) struct Sheet {
     alone: u64,
     /// The latter by the few pixels that are finished together in a crowd.
     alone_by_few: Vec<u64>,
+    /// The few pixels that are being finished in a crowd, and how many rays they may take.
+    allowed_few: Option<(usize, u64)>,
     /// What squares that were quartered might be off by, and what their quarters may.
     fallen: [f64; 2],
     group: Option<GroupInHand>,
@@ -118,6 +120,7 @@ impl Sheet {
         (self.rays, self.alone) = (0, 0);
         self.alone_by_few.clear();
         self.alone_by_few.resize(rect.count().div_ceil(FEW_PIXELS), 0);
+        self.allowed_few = None;
         self.fallen = [0.0; 2];
         self.group = None;
         self.firsts.clear();

@@ -81,26 +81,53 @@ impl Sheet {
 
     /// Whether no more rays may be marched that stand for themselves, for a pixel: its group and those
     /// before it have taken what they may, or, where pixels are finished a few at a time, these have.
-    fn is_over_alone(&self, pixel: usize) -> bool {
-        let Some(goal) = &self.goal else { return true };
+    fn is_over_alone(&mut self, pixel: usize) -> bool {
+        let Some(goal) = self.goal else { return true };
+        if self.waiting.is_crowded() {
+            return self.is_over_among_few(&goal, pixel);
+        }
         let group = pixel / GROUP_PIXELS;
         self.alone >= self.rays_of_first(group + 1, GROUP_PIXELS, goal.alone_per_pixel)
-            || self.waiting.is_crowded() && self.is_over_among_few(goal, pixel)
     }
 
-    /// The same of a few pixels alone, which have their own rays and some that those before have left.
-    /// What the others of them have not taken yet, and may need, is left to these.
-    fn is_over_among_few(&self, goal: &Goal, pixel: usize) -> bool {
+    /// The same of a few pixels alone. What the others of them have not taken yet, and may need, is left
+    /// to these.
+    fn is_over_among_few(&mut self, goal: &Goal, pixel: usize) -> bool {
         let few = pixel / FEW_PIXELS;
+        let allowed = match self.allowed_few {
+            Some((number, allowed)) if number == few => allowed,
+            _ => self.allowance_of_few(goal, few),
+        };
+        self.allowed_few = Some((few, allowed));
+        let others = (few * FEW_PIXELS..self.pixels.len()).take(FEW_PIXELS);
+        let others = others.filter(|&other| other != pixel && self.may_need_rays(other));
+        let left = |other: usize| {
+            goal.alone_per_pixel.saturating_sub(self.pixels[other].rays_alone.into())
+        };
+        self.alone_by_few[few] + others.map(left).sum::<u64>() >= allowed
+    }
+
+    /// The rays that a few pixels may take: their own and some that those before have left, or their
+    /// share of all that is left of the tile's, if that is more since others need none.
+    fn allowance_of_few(&self, goal: &Goal, few: usize) -> u64 {
         let rays = |count| self.rays_of_first(count, FEW_PIXELS, goal.alone_per_pixel);
         let (before, own) = (rays(few), rays(few + 1) - rays(few));
         let saved = before.saturating_sub(self.alone_by_few[..few].iter().sum());
-        let others = self.pixels.iter().enumerate().skip(few * FEW_PIXELS).take(FEW_PIXELS);
-        let others = others.filter(|(other, _)| *other != pixel).map(|(_, other)| other);
-        let needed = others
-            .filter(|other| other.changeable(0.0) > self.room_for_mean(other.beside_mean()))
-            .map(|other| goal.alone_per_pixel.saturating_sub(other.rays_alone.into()));
-        self.alone_by_few[few] + needed.sum::<u64>() >= own + saved / OF_SAVED
+        let left = rays(self.alone_by_few.len()).saturating_sub(self.alone);
+        let mut pixels = few * FEW_PIXELS..self.pixels.len();
+        let mut in_need = 0;
+        while let Some(pixel) = pixels.find(|&pixel| self.may_need_rays(pixel)) {
+            in_need += 1;
+            pixels = (pixel / FEW_PIXELS + 1) * FEW_PIXELS..self.pixels.len();
+        }
+        let share = (left + self.alone_by_few[few]) / in_need.max(1);
+        share.max(own + saved / OF_SAVED)
+    }
+
+    /// Whether a pixel is not close enough yet, as far as is known.
+    fn may_need_rays(&self, pixel: usize) -> bool {
+        let pixel = &self.pixels[pixel];
+        !pixel.is_whole() || pixel.changeable(0.0) > self.room_for_mean(pixel.beside_mean())
     }
 
     /// Adds whole pixels of the groups that follow, where they are next, while there is room for their
