@@ -81,15 +81,8 @@ impl Pixel {
     /// The error that a square of what is not known yet may have on average, where the whole may
     /// have `allowed`.
     pub(super) fn rate(&self, allowed: f64) -> f64 {
-        if self.is_whole() {
-            return allowed;
-        }
-        ((allowed - self.shares.total()) / (1.0 - self.weight)).max(allowed)
-    }
-
-    /// Whether all of it is known by bounds.
-    pub(super) fn is_whole(&self) -> bool {
-        1.0 - self.weight <= 1e-9
+        let open = 1.0 - self.weight;
+        if open > 1e-9 { ((allowed - self.shares.total()) / open).max(allowed) } else { allowed }
     }
 
     /// Takes a square that is `weight` of it as it is.

@@ -73,8 +73,6 @@ pub(crate) struct Sheet {
     alone: u64,
     /// The latter by the few pixels that are finished together in a crowd.
     alone_by_few: Vec<u64>,
-    /// The few pixels that are being finished in a crowd, and how many rays they may take.
-    allowed_few: Option<(usize, u64)>,
     /// What squares that were quartered might be off by, and what their quarters may.
     fallen: [f64; 2],
     group: Option<GroupInHand>,
@@ -120,7 +118,6 @@ impl Sheet {
         (self.rays, self.alone) = (0, 0);
         self.alone_by_few.clear();
         self.alone_by_few.resize(rect.count().div_ceil(FEW_PIXELS), 0);
-        self.allowed_few = None;
         self.fallen = [0.0; 2];
         self.group = None;
         self.firsts.clear();
@@ -152,7 +149,8 @@ impl Sheet {
         while let Some((group, mut found, to_do)) = self.waiting.pop() {
             found.sort_by_key(|found| found.square.pixel);
             let Chosen { again, wholes } = if to_do.alone {
-                let mut wholes = self.still_unsure(grid, &found);
+                let is_last = Urgency::is_last(group);
+                let mut wholes = self.still_unsure(grid, &found, &to_do, is_last);
                 self.add_wholes(grid, &mut wholes, &to_do);
                 Chosen { again: Vec::new(), wholes }
             } else {
@@ -218,13 +216,12 @@ impl Sheet {
         // Each pixel has taken one ray in the first batch.
         let others = self.rays.saturating_sub(self.pixels.len() as u64);
         let per_pixel = goal.rays_per_pixel.saturating_sub(1);
-        grid.has_area() && others >= self.rays_of_first(group + 1, GROUP_PIXELS, per_pixel)
+        grid.has_area() && others >= self.rays_of_first((group + 1) * GROUP_PIXELS, per_pixel)
     }
 
-    /// Rays for the pixels of the first `count` groups of `size` pixels.
-    fn rays_of_first(&self, count: usize, size: usize, per_pixel: u64) -> u64 {
-        let pixels = (count * size).min(self.pixels.len());
-        per_pixel.saturating_mul(pixels as u64)
+    /// Rays for the first `count` pixels.
+    fn rays_of_first(&self, count: usize, per_pixel: u64) -> u64 {
+        per_pixel.saturating_mul(count.min(self.pixels.len()) as u64)
     }
 
     /// The pixel of what was found, what these squares may be off by on average beside what work

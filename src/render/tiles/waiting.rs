@@ -21,6 +21,10 @@ const MOST_OTHERS: usize = MOST_WAITING - 2 * BATCH_RAYS;
 /// time: all of a group at once would not find room.
 const CROWD: usize = MOST_ALONE / 2;
 pub(super) const FEW_PIXELS: usize = 8;
+/// Squares that are put off until all others are finished, at most.
+const MOST_LAST: usize = MOST_ALONE / 4;
+/// In place of their group's number.
+const LAST: usize = usize::MAX;
 
 /// What a ray has found.
 #[derive(Debug, Clone, Copy)]
@@ -73,6 +77,16 @@ impl Urgency {
         Self { few: pixel / FEW_PIXELS, ..self }
     }
 
+    /// The urgency of squares that wait until all others are finished.
+    pub(super) fn last(error: f64) -> Self {
+        Self::new(LAST, error)
+    }
+
+    /// Whether the number of a group says that it is these.
+    pub(super) fn is_last(group: usize) -> bool {
+        group == LAST
+    }
+
     /// Whether both are alike but for the few pixels of a group that they are of.
     fn is_like(&self, other: &Self) -> bool {
         (self.group, self.harm) == (other.group, other.harm)
@@ -93,6 +107,8 @@ pub(super) struct Waiting {
     count: usize,
     /// How many of them are for rays that stand for themselves.
     alone: usize,
+    /// How many wait until all others are finished.
+    last: usize,
     /// Whether so many of these have waited that pixels are finished a few at a time.
     is_crowded: bool,
 }
@@ -104,7 +120,7 @@ impl Waiting {
     /// Forgets all squares.
     pub(super) fn clear(&mut self) {
         self.alike.clear();
-        (self.count, self.alone, self.is_crowded) = (0, 0, false);
+        (self.count, self.alone, self.last, self.is_crowded) = (0, 0, 0, false);
     }
 
     /// Takes those out of the first group of pixels that harm these most, in a crowd those of its first
@@ -131,7 +147,7 @@ impl Waiting {
     }
 
     /// Takes out the squares that [`Self::pop`] would, if these are to be dealt with as `to_do`
-    /// says and `is_like` holds for all of them; else none.
+    /// says and `is_like` holds for all of them, and they were not put off; else none.
     pub(super) fn pop_like(
         &mut self,
         to_do: &ToDo,
@@ -139,7 +155,8 @@ impl Waiting {
     ) -> Option<Vec<Found>> {
         let number = self.next()?;
         let next = &self.alike[number];
-        let is_like = next.to_do == *to_do && next.found.iter().all(is_like);
+        let is_alike = next.to_do == *to_do && next.found.iter().all(is_like);
+        let is_like = is_alike && next.urgency.group != LAST;
         is_like.then(|| self.take(number).found)
     }
 
@@ -159,6 +176,9 @@ impl Waiting {
         if alike.to_do.alone {
             self.alone -= alike.found.len();
         }
+        if alike.urgency.group == LAST {
+            self.last -= alike.found.len();
+        }
         alike
     }
 
@@ -174,6 +194,15 @@ impl Waiting {
         alone.min_by_key(order).map_or(Vec::new(), |number| self.take(number).found)
     }
 
+    /// Takes those out that do least harm among those that were put off, if that is less than what
+    /// squares of this urgency do.
+    pub(super) fn pop_less_urgent_last(&mut self, than: &Urgency) -> Vec<Found> {
+        let harm = |number: &usize| self.alike[*number].urgency.harm;
+        let last = (0..self.alike.len()).filter(|n| self.alike[*n].urgency.group == LAST);
+        let least = last.filter(|number| harm(number) < than.harm).min_by_key(harm);
+        least.map_or(Vec::new(), |number| self.take(number).found)
+    }
+
     /// What waits of a group of pixels.
     pub(super) fn of_group(&self, group: usize) -> impl Iterator<Item = &Found> {
         let of_group = self.alike.iter().filter(move |alike| alike.urgency.group == group);
@@ -187,10 +216,12 @@ impl Waiting {
         } else {
             self.count < MOST_WAITING && self.count - self.alone < MOST_OTHERS
         };
-        if !has_room {
+        let is_last = urgency.group == LAST;
+        if !has_room || is_last && self.last >= MOST_LAST {
             return false;
         }
         self.count += 1;
+        self.last += usize::from(is_last);
         self.alone += usize::from(to_do.alone);
         self.is_crowded |= self.alone > CROWD;
         let most = most_alike(to_do);
@@ -282,6 +313,30 @@ mod tests {
         assert!(waiting.is_crowded());
         waiting.clear();
         assert!(!waiting.is_crowded());
+    }
+
+    #[test]
+    fn what_is_put_off_comes_last_and_the_least_of_it_makes_room() {
+        let mut waiting = Waiting::default();
+        let alone = ToDo { alone: true, ..to_do(true) };
+        for n in 0..MOST_LAST {
+            assert!(waiting.push(
+                found(n as u16, 1.0),
+                Urgency::last(4f64.powi(n as i32 % 3)),
+                &alone
+            ));
+        }
+        assert!(!waiting.push(found(0, 1.0), Urgency::last(64.0), &alone));
+        assert!(waiting.push(found(7, 1.0), Urgency::new(9, 1e-9), &alone));
+        // None that is put off is taken with others.
+        assert!(waiting.pop_like(&alone, |_| true).is_some());
+        assert!(waiting.pop_like(&alone, |_| true).is_none());
+        assert!(waiting.pop_less_urgent_last(&Urgency::last(1.0)).is_empty());
+        let least = waiting.pop_less_urgent_last(&Urgency::last(4.0));
+        assert!(!least.is_empty() && least.iter().all(|found| found.square.pixel % 3 == 0));
+        assert!(waiting.push(found(1, 1.0), Urgency::last(64.0), &alone));
+        let (group, first, _) = waiting.pop().unwrap();
+        assert!(Urgency::is_last(group) && first.len() == 1);
     }
 
     #[test]

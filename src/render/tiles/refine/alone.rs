@@ -54,8 +54,15 @@ impl Batch {
 
 impl Sheet {
     /// The squares of `found` that are to be quartered for their pixels' mean, whose rays are counted;
-    /// the others are taken as they are. Should rays end, pixels of few squares have theirs first.
-    pub(super) fn still_unsure(&mut self, grid: &PixelGrid, found: &[Found]) -> Vec<Found> {
+    /// the others are taken as they are, or put off where that `may_be`. Should rays end, pixels of few
+    /// squares have theirs first.
+    pub(super) fn still_unsure(
+        &mut self,
+        grid: &PixelGrid,
+        found: &[Found],
+        to_do: &ToDo,
+        is_last: bool,
+    ) -> Vec<Found> {
         let mut left = Vec::with_capacity(found.len());
         let of_pixels = found.chunk_by(|a, b| a.square.pixel == b.square.pixel);
         let mut of_pixels: Vec<_> = of_pixels.collect();
@@ -65,69 +72,63 @@ impl Sheet {
             if self.take_by_neighbours(found) {
                 continue;
             }
-            let is_over = self.is_over_alone(pixel);
-            if is_over || found.square.halvings >= MOST_HALVINGS || self.is_likely(found) {
-                self.pixels[pixel].draw(found, grid.weight(&found.square));
-            } else {
-                self.alone += u64::from(QUARTERS);
-                self.alone_by_few[pixel / FEW_PIXELS] += u64::from(QUARTERS);
-                self.pixels[pixel].rays_alone += QUARTERS;
-                left.push(*found);
+            let is_known = found.square.halvings >= MOST_HALVINGS || self.is_likely(found);
+            let is_over = !is_known && self.is_over_alone(pixel, is_last);
+            if is_over && !is_last && self.put_off(grid, found, to_do) {
+                continue;
             }
+            if is_known || is_over {
+                self.pixels[pixel].draw(found, grid.weight(&found.square));
+                continue;
+            }
+            self.alone += u64::from(QUARTERS);
+            self.alone_by_few[pixel / FEW_PIXELS] += u64::from(QUARTERS);
+            self.pixels[pixel].rays_alone += QUARTERS;
+            left.push(*found);
         }
         left.sort_by_key(|found| found.square.pixel);
         left
     }
 
     /// Whether no more rays may be marched that stand for themselves, for a pixel: its group and those
-    /// before it have taken what they may, or, where pixels are finished a few at a time, these have.
-    fn is_over_alone(&mut self, pixel: usize) -> bool {
-        let Some(goal) = self.goal else { return true };
-        if self.waiting.is_crowded() {
-            return self.is_over_among_few(&goal, pixel);
-        }
-        let group = pixel / GROUP_PIXELS;
-        self.alone >= self.rays_of_first(group + 1, GROUP_PIXELS, goal.alone_per_pixel)
+    /// before it have taken what they may, or, where pixels are finished a few at a time, these have;
+    /// once all others are finished, in the last place, the tile has.
+    fn is_over_alone(&self, pixel: usize, is_last: bool) -> bool {
+        let Some(goal) = &self.goal else { return true };
+        let pixels =
+            if is_last { self.pixels.len() } else { (pixel / GROUP_PIXELS + 1) * GROUP_PIXELS };
+        self.alone >= self.rays_of_first(pixels, goal.alone_per_pixel)
+            || !is_last && self.waiting.is_crowded() && self.is_over_among_few(goal, pixel)
     }
 
-    /// The same of a few pixels alone. What the others of them have not taken yet, and may need, is left
-    /// to these.
-    fn is_over_among_few(&mut self, goal: &Goal, pixel: usize) -> bool {
+    /// The same of a few pixels alone, which have their own rays and some that those before have left.
+    /// What the others of them have not taken yet, and may need, is left to these.
+    fn is_over_among_few(&self, goal: &Goal, pixel: usize) -> bool {
         let few = pixel / FEW_PIXELS;
-        let allowed = match self.allowed_few {
-            Some((number, allowed)) if number == few => allowed,
-            _ => self.allowance_of_few(goal, few),
-        };
-        self.allowed_few = Some((few, allowed));
-        let others = (few * FEW_PIXELS..self.pixels.len()).take(FEW_PIXELS);
-        let others = others.filter(|&other| other != pixel && self.may_need_rays(other));
-        let left = |other: usize| {
-            goal.alone_per_pixel.saturating_sub(self.pixels[other].rays_alone.into())
-        };
-        self.alone_by_few[few] + others.map(left).sum::<u64>() >= allowed
-    }
-
-    /// The rays that a few pixels may take: their own and some that those before have left, or their
-    /// share of all that is left of the tile's, if that is more since others need none.
-    fn allowance_of_few(&self, goal: &Goal, few: usize) -> u64 {
-        let rays = |count| self.rays_of_first(count, FEW_PIXELS, goal.alone_per_pixel);
+        let rays = |few| self.rays_of_first(few * FEW_PIXELS, goal.alone_per_pixel);
         let (before, own) = (rays(few), rays(few + 1) - rays(few));
         let saved = before.saturating_sub(self.alone_by_few[..few].iter().sum());
-        let left = rays(self.alone_by_few.len()).saturating_sub(self.alone);
-        let mut pixels = few * FEW_PIXELS..self.pixels.len();
-        let mut in_need = 0;
-        while let Some(pixel) = pixels.find(|&pixel| self.may_need_rays(pixel)) {
-            in_need += 1;
-            pixels = (pixel / FEW_PIXELS + 1) * FEW_PIXELS..self.pixels.len();
-        }
-        let share = (left + self.alone_by_few[few]) / in_need.max(1);
-        share.max(own + saved / OF_SAVED)
+        let others = self.pixels.iter().enumerate().skip(few * FEW_PIXELS).take(FEW_PIXELS);
+        let others = others.filter(|(other, _)| *other != pixel).map(|(_, other)| other);
+        let needed = others
+            .filter(|other| other.changeable(0.0) > self.room_for_mean(other.beside_mean()))
+            .map(|other| goal.alone_per_pixel.saturating_sub(other.rays_alone.into()));
+        self.alone_by_few[few] + needed.sum::<u64>() >= own + saved / OF_SAVED
     }
 
-    /// Whether a pixel is not close enough yet, as far as is known.
-    fn may_need_rays(&self, pixel: usize) -> bool {
-        let pixel = &self.pixels[pixel];
-        !pixel.is_whole() || pixel.changeable(0.0) > self.room_for_mean(pixel.beside_mean())
+    /// Puts a square off until all others are finished, in the place of others that matter less should
+    /// there be no room; false where there is none.
+    fn put_off(&mut self, grid: &PixelGrid, found: &Found, to_do: &ToDo) -> bool {
+        let harm = |uneven: Unevenness| grid.weight(&found.square) * uneven.spread();
+        let urgency = Urgency::last(found.uneven.map_or(f64::INFINITY, harm));
+        if self.waiting.push(*found, urgency, to_do) {
+            return true;
+        }
+        for least in self.waiting.pop_less_urgent_last(&urgency) {
+            let weight = grid.weight(&least.square);
+            self.pixels[usize::from(least.square.pixel)].draw(&least, weight);
+        }
+        self.waiting.push(*found, urgency, to_do)
     }
 
     /// Adds whole pixels of the groups that follow, where they are next, while there is room for their
@@ -140,7 +141,7 @@ impl Sheet {
         }
         while wholes.len() + GROUP_PIXELS <= BATCH_RAYS / 4 {
             let Some(found) = self.waiting.pop_like(to_do, is_whole) else { break };
-            wholes.extend(self.still_unsure(grid, &found));
+            wholes.extend(self.still_unsure(grid, &found, to_do, false));
         }
         wholes.sort_by_key(|found| found.square.pixel);
     }
