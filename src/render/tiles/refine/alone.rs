@@ -54,8 +54,8 @@ impl Batch {
 
 impl Sheet {
     /// The squares of `found` that are to be quartered for their pixels' mean, whose rays are counted;
-    /// the others are taken as they are, or put off where that `may_be`. Should rays end, pixels of few
-    /// squares have theirs first.
+    /// the others are taken as they are or, for want of rays, put off, but for those that have been.
+    /// Should rays end, pixels of few squares have theirs first.
     pub(super) fn still_unsure(
         &mut self,
         grid: &PixelGrid,
