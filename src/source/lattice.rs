@@ -18,9 +18,11 @@ pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
 /// [`LARGEST_DEVIATION`].
 pub(super) fn nearest_corner(
     domain: &Domain,
-    (level, octree): (u32, u32),
+    level: u32,
+    octree: u32,
     corner: impl Iterator<Item = Result<Decimal>>,
-    (what, shown): (&str, [f64; 3]),
+    what: &str,
+    shown: [f64; 3],
 ) -> Result<[i128; 3], String> {
     let corner: Result<Vec<Decimal>> = corner.collect();
     let corner: [Decimal; 3] = corner

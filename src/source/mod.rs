@@ -11,6 +11,7 @@ mod folder;
 pub mod hdf5;
 mod lattice;
 mod lines;
+mod open_file;
 mod raw;
 
 use std::path::{Path, PathBuf};

@@ -1,10 +1,7 @@
 //! Arrays of plain numbers in files, read in blocks.
 
-use std::fs::File;
-use std::os::unix::fs::FileExt;
-use std::path::Path;
-
 use super::GridBlock;
+use super::open_file::OpenFile;
 use crate::{Error, Result};
 
 /// Rows that lie no further apart than this are read together: disks and caches deal in pages.
@@ -93,19 +90,13 @@ impl RawArray {
         self.per_cell.checked_mul(self.number.bytes())
     }
 
-    /// Reads the cells of `block` (in the array's indices) of `file`, opened from `path`, into
-    /// `out`. Only rows of the block are read, with what lies between them where that is little.
+    /// Reads the cells of `block` (in the array's indices) of `file` into `out`. Only rows of the block are read, with what lies between them where that is little.
     ///
     /// # Errors
     /// A block that is not inside the array, an array that is not inside the file, and whatever
     /// the operating system refuses.
-    pub(super) fn read(
-        &self,
-        (file, path): (&File, &Path),
-        block: GridBlock,
-        out: &mut [f64],
-    ) -> Result<()> {
-        self.check((file, path), block, out)?;
+    pub(super) fn read(&self, file: &OpenFile, block: GridBlock, out: &mut [f64]) -> Result<()> {
+        self.check(file, block, out)?;
         let cell = self.per_cell * self.number.bytes();
         let row = u64::from(block.size[0]);
         let count = u64::from(block.size[1]) * u64::from(block.size[2]);
@@ -116,8 +107,7 @@ impl RawArray {
             let rows = self.rows_together(block, next, count);
             let cells = self.row_start(block, next + rows - 1) + row - first;
             bytes.resize((cells * cell) as usize, 0);
-            file.read_exact_at(&mut bytes, self.start + first * cell)
-                .map_err(|e| Error::io(path, "cannot read", e))?;
+            file.read_exact_at(&mut bytes, self.start + first * cell)?;
             for (row, out) in (next..next + rows).zip(&mut out) {
                 let at = (self.row_start(block, row) - first) * cell;
                 let at = at + self.component * self.number.bytes();
@@ -151,22 +141,22 @@ impl RawArray {
         last + 1 - first
     }
 
-    fn check(&self, (file, path): (&File, &Path), block: GridBlock, out: &[f64]) -> Result<()> {
+    fn check(&self, file: &OpenFile, block: GridBlock, out: &[f64]) -> Result<()> {
         let inside = (0..3).all(|a| {
             u64::from(block.lo[a]) + u64::from(block.size[a]) <= self.shape[a] && block.size[a] > 0
         });
         if !inside || out.len() != block.len() || self.component >= self.per_cell {
             let reason = format!("{block:?} is no block of an array {:?}", self.shape);
-            return Err(Error::invalid(path.display(), reason));
+            return Err(Error::invalid(file.path().display(), reason));
         }
-        let length = file.metadata().map_err(|e| Error::io(path, "cannot read the size", e))?.len();
+        let length = file.length()?;
         if self.end().is_none_or(|end| end > length) {
             let reason = format!(
                 "{:?} cells should follow byte {}, but the file ends at byte {length}: is it \
                  truncated?",
                 self.shape, self.start
             );
-            return Err(Error::invalid(path.display(), reason));
+            return Err(Error::invalid(file.path().display(), reason));
         }
         Ok(())
     }
@@ -211,8 +201,8 @@ mod tests {
                 let array = RawArray { start: 3, shape, number, per_cell, component };
                 let block = GridBlock { lo: [1, 1, 0], size: [3, 2, 2] };
                 let mut out = [0.0; 12];
-                let opened = File::open(file.path()).unwrap();
-                array.read((&opened, file.path()), block, &mut out).unwrap();
+                let opened = OpenFile::open(file.path()).unwrap();
+                array.read(&opened, block, &mut out).unwrap();
                 let mut expected = Vec::new();
                 for (z, y, x) in [0, 1].into_iter().flat_map(|z| {
                     [1, 2].into_iter().flat_map(move |y| [1, 2, 3].map(move |x| (z, y, x)))
@@ -235,10 +225,10 @@ mod tests {
             per_cell: 1,
             component: 0,
         };
-        let opened = File::open(file.path()).unwrap();
+        let opened = OpenFile::open(file.path()).unwrap();
         let error = |array: RawArray, lo: u32| {
             let block = GridBlock { lo: [lo, 0, 0], size: [2, 1, 1] };
-            array.read((&opened, file.path()), block, &mut [0.0; 2]).unwrap_err().to_string()
+            array.read(&opened, block, &mut [0.0; 2]).unwrap_err().to_string()
         };
         assert!(error(array, 3).contains("no block of an array"));
         assert!(error(RawArray { start: 4, ..array }, 0).contains("is it truncated?"));

@@ -1,11 +1,8 @@
 //! FABs: the arrays of a grid's values, and the line of text before each.
 
-use std::fs::File;
-use std::os::unix::fs::FileExt;
-use std::path::Path;
-
 use super::text::{PrintedBox, numbers};
 use crate::source::lines::shown;
+use crate::source::open_file::OpenFile;
 use crate::source::raw::Number;
 use crate::space::IndexBox;
 use crate::{Error, Result};
@@ -31,22 +28,22 @@ pub(super) struct FabHeader {
 }
 
 impl FabHeader {
-    /// Reads the line at `offset` of `file`, opened from `path`.
+    /// Reads the line at `offset` of `file`.
     ///
     /// # Errors
     /// A line that is missing, malformed or describes numbers that cannot be read.
-    pub(super) fn read((file, path): (&File, &Path), offset: u64) -> Result<Self> {
-        let fault =
-            |reason: String| Error::invalid(format!("{}: byte {offset}", path.display()), reason);
+    pub(super) fn read(file: &OpenFile, offset: u64) -> Result<Self> {
+        let fault = |reason: String| {
+            Error::invalid(format!("{}: byte {offset}", file.path().display()), reason)
+        };
         let mut bytes = [0; LONGEST_HEADER];
         let mut filled = 0;
         while filled < bytes.len() {
             let at = offset.checked_add(filled as u64);
             let at = at.ok_or_else(|| fault("lies outside the file".to_owned()))?;
-            match file.read_at(&mut bytes[filled..], at) {
-                Ok(0) => break,
-                Ok(read) => filled += read,
-                Err(e) => return Err(Error::io(path, "cannot read", e)),
+            match file.read_at(&mut bytes[filled..], at)? {
+                0 => break,
+                read => filled += read,
             }
         }
         let Some(end) = bytes[..filled].iter().position(|&byte| byte == b'\n') else {

@@ -1,6 +1,5 @@
 //! The grids of a level: `Cell_H`, which lists their boxes and where their values are.
 
-use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
@@ -8,6 +7,7 @@ use super::fab::{FabHeader, described};
 use super::header::LevelGrids;
 use super::text::{PrintedBox, numbers, stays_inside};
 use crate::source::lines::{Lines, shown};
+use crate::source::open_file::OpenFile;
 use crate::source::raw::Number;
 use crate::space::IndexBox;
 use crate::{Error, Result, regular_file};
@@ -41,9 +41,7 @@ pub(super) struct LevelData {
 #[derive(Debug)]
 pub(super) struct Fab {
     /// The file that has them.
-    pub(super) path: PathBuf,
-    /// That file, opened.
-    pub(super) file: File,
+    pub(super) file: OpenFile,
     /// Cells, components, numbers and where they begin.
     pub(super) header: FabHeader,
 }
@@ -104,17 +102,17 @@ impl LevelData {
             text.parse().ok().filter(|&count: &u64| count == self.grids)
         })?;
         let mut boxes = Lines::open_at(&self.path, self.boxes)?;
-        let mut file = (String::new(), 0);
+        let (mut file, mut length) = (String::new(), 0);
         for grid in 0..self.grids {
             let cells = boxes.parse("a grid's box", PrintedBox::parse)?;
             let place = places.offset();
             let (name, offset) = places.parse("a FabOnDisk", |text| {
                 fab_on_disk(text).map(|(name, offset)| (name.to_owned(), offset))
             })?;
-            if name != file.0 {
-                file = (name.clone(), self.length(&name)?);
+            if name != file {
+                (length, file) = (self.length(&name)?, name);
             }
-            self.check_fits(&cells, offset, &file)
+            self.check_fits(&cells, offset, &file, length)
                 .map_err(|reason| Error::invalid(self.place(grid), reason))?;
             visit(grid, cells, place)?;
         }
@@ -141,13 +139,14 @@ impl LevelData {
         Err(Error::invalid(self.path.display(), reason))
     }
 
-    /// Whether `cells` can be in the file of that name and length after byte `offset`: what is not there need not be
-    /// sorted into a tree first.
+    /// Whether `cells` can be in the file `name` of `length` bytes after byte `offset`: what is not
+    /// there need not be sorted into a tree first.
     fn check_fits(
         &self,
         cells: &PrintedBox,
         offset: u64,
-        (name, length): &(String, u64),
+        name: &str,
+        length: u64,
     ) -> Result<(), String> {
         let cells: u128 = cells.size()?.iter().map(|&n| u128::from(n)).product();
         let number = self.number.map_or(SMALLEST_NUMBER, Number::bytes);
@@ -167,9 +166,9 @@ impl LevelData {
     /// Data that are missing or contradict `Cell_H`.
     pub(super) fn fab(&self, cells: &IndexBox, place: u64) -> Result<Fab> {
         let (path, offset) = self.data_at(place)?;
-        let file = regular_file::open(&path).map_err(|e| Error::io(&path, "cannot open", e))?;
+        let file = OpenFile::open(&path)?;
         let header = match self.number {
-            None => FabHeader::read((&file, &path), offset)?,
+            None => FabHeader::read(&file, offset)?,
             Some(number) => FabHeader {
                 cells: self.with_ghosts(cells),
                 components: self.components,
@@ -190,7 +189,7 @@ impl LevelData {
             );
             return Err(Error::invalid(format!("{}: byte {offset}", path.display()), reason));
         }
-        Ok(Fab { path, file, header })
+        Ok(Fab { file, header })
     }
 
     /// The file and the byte of it where the FAB begins that the line at byte `place` of `Cell_H`

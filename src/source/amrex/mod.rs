@@ -92,7 +92,8 @@ impl Level {
     fn record(
         &self,
         level: usize,
-        (number, printed): (u64, PrintedBox),
+        number: u64,
+        printed: PrintedBox,
         locator: u64,
     ) -> Result<GridRecord> {
         let fault = |reason: String| Error::invalid(self.data.place(number), reason);
@@ -131,7 +132,7 @@ impl Source for Plotfile {
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {
         for (level, grids) in self.levels.iter().enumerate() {
             grids.data.for_each_grid(&mut |number, printed, place| {
-                visit(grids.record(level, (number, printed), place)?)
+                visit(grids.record(level, number, printed, place)?)
             })?;
         }
         Ok(())
@@ -165,9 +166,9 @@ impl Source for Plotfile {
             array.and_then(|array| Some((array, inner(&fab.header.cells, &cells, block)?)));
         let (array, block) = within.ok_or_else(|| {
             let reason = format!("the FAB of grid {} is larger than any file", grid.id);
-            Error::invalid(fab.path.display(), reason)
+            Error::invalid(fab.file.path().display(), reason)
         })?;
-        array.read((&fab.file, &fab.path), block, out)
+        array.read(&fab.file, block, out)
     }
 }
 

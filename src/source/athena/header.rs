@@ -1,11 +1,10 @@
 //! One file: the header of a legacy VTK file as Athena writes it, and the variables after it.
 
-use std::fs::File;
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::str::FromStr;
 
 use crate::source::lines::{Lines, printing_error, shown};
+use crate::source::open_file::OpenFile;
 use crate::source::raw::{Number, RawArray};
 use crate::space::{Decimal, MAX_OCTREE_LEVEL};
 use crate::{Error, Result};
@@ -200,25 +199,25 @@ impl Variable {
     }
 }
 
-/// The variables of the file of `header`, opened from `path`, until `enough`.
+/// The variables of `file`, which has `header`, until `enough`.
 ///
 /// # Errors
 /// A file whose variables are malformed or that ends within one.
 pub(super) fn variables(
-    (file, path): (&File, &Path),
+    file: &OpenFile,
     header: &Header,
     enough: &dyn Fn(&Variable) -> bool,
 ) -> Result<Vec<Variable>> {
-    let length = file.metadata().map_err(|e| Error::io(path, "cannot read the size", e))?.len();
+    let length = file.length()?;
     let mut found = Vec::new();
     let mut at = header.variables;
     while at < length && found.len() < MOST_VARIABLES {
-        let fault =
-            |reason: String| Error::invalid(format!("{}: byte {at}", path.display()), reason);
+        let fault = |reason: String| {
+            Error::invalid(format!("{}: byte {at}", file.path().display()), reason)
+        };
         let mut bytes = [0; LONGEST_TITLE];
         let read = (length - at).min(LONGEST_TITLE as u64) as usize;
-        file.read_exact_at(&mut bytes[..read], at)
-            .map_err(|e| Error::io(path, "cannot read", e))?;
+        file.read_exact_at(&mut bytes[..read], at)?;
         let Some((name, array)) = variable(&bytes[..read], at, header.cells).map_err(fault)? else {
             break;
         };

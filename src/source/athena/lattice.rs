@@ -104,9 +104,9 @@ pub(super) fn place(
             ));
         }
     }
-    let shown = ("origin", header.origin.each_ref().map(|printed| printed.value));
+    let shown = header.origin.each_ref().map(|printed| printed.value);
     let origin = header.origin.iter().map(Printed::decimal);
-    let lo = nearest_corner(domain, (level, octree), origin, shown)?;
+    let lo = nearest_corner(domain, level, octree, origin, "origin", shown)?;
     for a in 0..3 {
         let last = i128::from(domain.root_cells()[a]) << octree;
         if lo[a] < 0 || lo[a] + i128::from(header.cells[a]) > last {

@@ -8,14 +8,14 @@ mod lattice;
 mod tests;
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use header::Header;
 
+use super::open_file::OpenFile;
 use super::{Format, GridBlock, GridRecord, Hierarchy, Source, SourceField, first_named};
 use crate::space::Levels;
-use crate::{Error, Result, regular_file};
+use crate::{Error, Result};
 
 /// How the reader is listed among the formats.
 pub(super) const FORMAT: Format = Format {
@@ -86,8 +86,8 @@ fn common_fields(pieces: &[Piece]) -> Result<Vec<String>> {
     }
     let mut common: Option<Vec<String>> = None;
     for piece in first_of_levels.into_values() {
-        let file = piece.open()?;
-        let variables = header::variables((&file, &piece.path), &piece.header, &|_| false)?;
+        let file = OpenFile::open(&piece.path)?;
+        let variables = header::variables(&file, &piece.header, &|_| false)?;
         let names: Vec<String> = variables.iter().flat_map(header::Variable::fields).collect();
         common = Some(match common {
             None => names,
@@ -95,12 +95,6 @@ fn common_fields(pieces: &[Piece]) -> Result<Vec<String>> {
         });
     }
     Ok(common.unwrap_or_default())
-}
-
-impl Piece {
-    fn open(&self) -> Result<File> {
-        regular_file::open(&self.path).map_err(|e| Error::io(&self.path, "cannot open", e))
-    }
 }
 
 impl Source for Output {
@@ -142,12 +136,12 @@ impl Source for Output {
             Error::invalid(self.path.display(), format!("has no grid {}", grid.id))
         })?;
         let name = self.hierarchy.fields.get(field).map_or("", |field| field.name.as_str());
-        let file = piece.open()?;
+        let file = OpenFile::open(&piece.path)?;
         let has_it = |variable: &header::Variable| variable.fields().iter().any(|f| f == name);
-        let variables = header::variables((&file, &piece.path), &piece.header, &has_it)?;
+        let variables = header::variables(&file, &piece.header, &has_it)?;
         let array = header::array(&variables, name).ok_or_else(|| {
             Error::invalid(piece.path.display(), format!("has no variable for the field {name}"))
         })?;
-        array.read((&file, &piece.path), block, out)
+        array.read(&file, block, out)
     }
 }

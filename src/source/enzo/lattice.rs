@@ -71,9 +71,9 @@ pub(super) fn place(
         .ok_or_else(|| format!("lies at level {level}, deeper than the hierarchy's levels"))?;
     let size = grid.size()?;
     let corner = |edges: &[Edge; 3]| {
-        let shown = ("edge", edges.each_ref().map(Edge::value));
+        let shown = edges.each_ref().map(Edge::value);
         let exact = edges.iter().map(Edge::decimal);
-        nearest_corner(&parameters.domain, (level, octree), exact, shown)
+        nearest_corner(&parameters.domain, level, octree, exact, "edge", shown)
     };
     let (lo, hi) = (corner(&grid.left)?, corner(&grid.right)?);
     let cells = IndexBox::at(lo, size);

@@ -33,7 +33,7 @@ pub(super) struct Pure {
 }
 
 impl Pure {
-    fn opened(path: &Path, (chunks, bytes): (usize, usize)) -> Result<Hdf5File, String> {
+    fn opened(path: &Path, chunks: usize, bytes: usize) -> Result<Hdf5File, String> {
         let options = OpenOptions::default()
             .with_chunk_cache_slots(chunks)
             .with_chunk_cache_bytes(bytes)
@@ -69,7 +69,7 @@ impl Pure {
         let roomy = match self.roomy.get() {
             Some(file) => file,
             None => {
-                let file = Self::opened(&self.path, (MORE_CHUNKS, CHUNK_BYTES))?;
+                let file = Self::opened(&self.path, MORE_CHUNKS, CHUNK_BYTES)?;
                 self.roomy.get_or_init(|| file)
             }
         };
@@ -79,7 +79,7 @@ impl Pure {
 
 impl Backend for Pure {
     fn open(path: &Path) -> Result<Self, String> {
-        let file = Self::opened(path, (CACHED_CHUNKS, CHUNK_CACHE_BYTES))?;
+        let file = Self::opened(path, CACHED_CHUNKS, CHUNK_CACHE_BYTES)?;
         check_end(path, &file)?;
         Ok(Self { path: path.to_path_buf(), file, roomy: OnceLock::new() })
     }
