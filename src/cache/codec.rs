@@ -131,7 +131,8 @@ impl Decoder {
     /// is not `blocks` blocks of `shape`.
     pub(super) fn decode(
         &mut self,
-        (shape, blocks): (BrickShape, usize),
+        shape: BrickShape,
+        blocks: usize,
         brick: &mut RawBrick,
     ) -> Result<(), &'static str> {
         let cells = shape.cells_in_blocks(blocks);
@@ -234,13 +235,13 @@ mod tests {
             assert!(errors[0] > 3e-3 && errors[0] < 4e-3 && errors[1] > 1e-5 && errors[1] < 2e-5);
             decoder.stored = parts;
             let mut decoded = RawBrick::default();
-            decoder.decode((shape, blocks), &mut decoded).unwrap();
+            decoder.decode(shape, blocks, &mut decoded).unwrap();
             assert_eq!(decoded, brick);
-            assert!(decoder.decode((shape, blocks + 1), &mut decoded).is_err());
+            assert!(decoder.decode(shape, blocks + 1, &mut decoded).is_err());
             for precision in [Precision::Medium, Precision::Short] {
                 let part = precision.last_part();
                 decoder.stored[part + 1].clear();
-                decoder.decode((shape, blocks), &mut decoded).unwrap();
+                decoder.decode(shape, blocks, &mut decoded).unwrap();
                 for (rounded, full) in decoded.blocks.iter().zip(&brick.blocks) {
                     assert_eq!(rounded.states, full.states);
                     let mut pairs = rounded.values.iter().zip(&full.values);
@@ -264,7 +265,7 @@ mod tests {
         let mut decoder = Decoder::new().unwrap();
         decoder.stored = payload.parts;
         let mut decoded = RawBrick::default();
-        decoder.decode((shape, 2), &mut decoded).unwrap();
+        decoder.decode(shape, 2, &mut decoded).unwrap();
         for (decoded, block) in decoded.blocks.iter().zip(&brick.blocks) {
             let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
             assert_eq!(bits(&decoded.values), bits(&block.values));
@@ -279,7 +280,7 @@ mod tests {
         let mut decoder = Decoder::new().unwrap();
         let payload = Encoder::new().unwrap().encode(&brick).unwrap();
         decoder.stored = payload.parts;
-        let decoded = decoder.decode((shape, 1), &mut RawBrick::default());
+        let decoded = decoder.decode(shape, 1, &mut RawBrick::default());
         assert!(decoded.is_err());
     }
 }

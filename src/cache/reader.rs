@@ -145,7 +145,7 @@ impl Cache {
                 return Err(damaged("its checksum differs"));
             }
         }
-        decoder.decode((shape, blocks), brick).map_err(damaged)?;
+        decoder.decode(shape, blocks, brick).map_err(damaged)?;
         if record.error(precision) > 0.0 {
             // Rounding leads beyond the range that all values lie in, though never towards it.
             brick.clamp(record.own);
