@@ -36,6 +36,14 @@ impl<B> Slot<B> {
     }
 }
 
+/// A slot that has been taken, and its brick, to be filled.
+pub(super) struct Claim<B> {
+    /// The slot's number.
+    pub(super) place: usize,
+    /// Its brick, which nobody else holds.
+    pub(super) brick: Arc<B>,
+}
+
 /// When a slot's brick is needed last, and which slot that is.
 type LastTurn = (u64, usize);
 
@@ -122,18 +130,14 @@ impl<B> Clock<B> {
 
     /// Takes a slot for `key`, whose brick then is the caller's alone until it is published or
     /// released. None when every slot is in use.
-    pub(super) fn claim(&mut self, key: u64, new: impl FnOnce() -> B) -> Option<(usize, Arc<B>)> {
+    pub(super) fn claim(&mut self, key: u64, new: impl FnOnce() -> B) -> Option<Claim<B>> {
         let passes = usize::from(CREDIT_AHEAD) + 1;
         self.claim_within(key, passes.saturating_mul(self.limit), new)
     }
 
     /// Takes a slot for `key` as [`Self::claim`] does, but leaves slots alone that have credit
     /// left: one pass of the hand at most.
-    pub(super) fn claim_idle(
-        &mut self,
-        key: u64,
-        new: impl FnOnce() -> B,
-    ) -> Option<(usize, Arc<B>)> {
+    pub(super) fn claim_idle(&mut self, key: u64, new: impl FnOnce() -> B) -> Option<Claim<B>> {
         self.claim_within(key, self.limit, new)
     }
 
@@ -142,22 +146,22 @@ impl<B> Clock<B> {
         key: u64,
         steps: usize,
         new: impl FnOnce() -> B,
-    ) -> Option<(usize, Arc<B>)> {
-        let (place, brick) = if let Some(found) = self.take_over() {
+    ) -> Option<Claim<B>> {
+        let claim = if let Some(found) = self.take_over() {
             found
         } else if self.slots.len() < self.limit {
             self.slots.push(Slot { key: None, brick: None, credit: 0, last_turn: u64::MAX });
-            (self.slots.len() - 1, Arc::new(new()))
+            Claim { place: self.slots.len() - 1, brick: Arc::new(new()) }
         } else {
             self.take_unused(steps)?
         };
-        self.slots[place].key = Some(key);
-        self.places.insert(key, place);
-        Some((place, brick))
+        self.slots[claim.place].key = Some(key);
+        self.places.insert(key, claim.place);
+        Some(claim)
     }
 
     /// A slot whose brick no turn to come needs.
-    fn take_over(&mut self) -> Option<(usize, Arc<B>)> {
+    fn take_over(&mut self) -> Option<Claim<B>> {
         while let Some(&Reverse((last_turn, place))) = self.turns.peek() {
             if last_turn >= self.turn {
                 return None;
@@ -171,7 +175,7 @@ impl<B> Clock<B> {
         None
     }
 
-    fn take_unused(&mut self, steps: usize) -> Option<(usize, Arc<B>)> {
+    fn take_unused(&mut self, steps: usize) -> Option<Claim<B>> {
         for _ in 0..steps {
             let place = self.hand;
             self.hand = (place + 1) % self.slots.len();
@@ -189,13 +193,13 @@ impl<B> Clock<B> {
     }
 
     /// Takes the brick out of a slot.
-    fn empty(&mut self, place: usize) -> Option<(usize, Arc<B>)> {
+    fn empty(&mut self, place: usize) -> Option<Claim<B>> {
         let slot = self.slots.get_mut(place)?;
         slot.last_turn = u64::MAX;
         if let Some(old) = slot.key.take() {
             self.places.remove(&old);
         }
-        slot.brick.take().map(|brick| (place, brick))
+        slot.brick.take().map(|brick| Claim { place, brick })
     }
 
     /// Puts a filled brick into its slot.

@@ -92,7 +92,7 @@ impl Counters {
 
     /// Counts a load of a form of a brick, as the brick's first at `level` or as a further one, and what
     /// it took from the file. A first load at a level that the counters do not have is not counted.
-    pub(crate) fn count_load(&self, (brick, form): (u64, usize), level: usize, loaded: &Loaded) {
+    pub(crate) fn count_load(&self, brick: u64, form: usize, level: usize, loaded: &Loaded) {
         self.bytes_read.fetch_add(loaded.read, Ordering::Relaxed);
         self.bytes_decompressed.fetch_add(loaded.decompressed, Ordering::Relaxed);
         add(&self.reading_nanoseconds, loaded.reading);
@@ -157,7 +157,7 @@ mod tests {
         let loaded = Loaded { read: 10, decompressed: 25, reading };
         let loads = [(0, 0, 0), (129, 3, 2), (64, 1, 2), (129, 3, 2), (0, 2, 0), (129, 0, 2)];
         for (brick, form, level) in loads {
-            counters.count_load((brick, form), level, &loaded);
+            counters.count_load(brick, form, level, &loaded);
         }
         let all = (counters.distinct(), counters.in_other_forms(), counters.reloaded());
         assert_eq!(all, (3, 2, 1));
@@ -171,7 +171,7 @@ mod tests {
         assert_eq!(Counters::bytes(u64::MAX), 8 << 20);
         let counters = Counters::new(u64::MAX, 1);
         for brick in [5, u64::MAX, u64::MAX, LARGEST_EXACT + 1] {
-            counters.count_load((brick, 0), 0, &Loaded::default());
+            counters.count_load(brick, 0, 0, &Loaded::default());
         }
         assert_eq!(counters.distinct() + counters.reloaded(), 4);
         assert!(counters.reloaded() >= 1);

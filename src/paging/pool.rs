@@ -4,7 +4,7 @@ use std::ops::Deref;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use super::clock::{Clock, Found};
+use super::clock::{Claim, Clock, Found};
 use super::{Counters, Loaded, Loader, Request};
 use crate::{Error, Result};
 
@@ -60,10 +60,10 @@ impl<'l, L: Loader> Pool<'l, L> {
                 Found::Ready(brick) => return Ok(Pinned(brick)),
                 Found::Loading => clock = self.wait(clock),
                 Found::Absent => {
-                    let slot =
+                    let claim =
                         clock.claim(key, || self.loader.new_brick()).ok_or_else(all_in_use)?;
                     drop(clock);
-                    return self.fill_for_use(request, slot, scratch).map(Pinned);
+                    return self.fill_for_use(request, claim, scratch).map(Pinned);
                 }
             }
         }
@@ -81,11 +81,11 @@ impl<'l, L: Loader> Pool<'l, L> {
     fn fill_for_use(
         &self,
         request: &L::Request,
-        slot: (usize, Arc<L::Brick>),
+        claim: Claim<L::Brick>,
         scratch: &mut L::Scratch,
     ) -> Result<Arc<L::Brick>> {
         let started = Instant::now();
-        let (brick, loaded) = self.fill(request, slot, scratch, true)?;
+        let (brick, loaded) = self.fill(request, claim, scratch, true)?;
         self.counters.count_wait(loaded.reading);
         self.counters.count_work(started.elapsed().saturating_sub(loaded.reading));
         Ok(brick)
@@ -126,26 +126,27 @@ impl<'l, L: Loader> Pool<'l, L> {
         if clock.holds(request.key()) {
             return Ok(());
         }
-        let Some(slot) = clock.claim_idle(request.key(), || self.loader.new_brick()) else {
+        let Some(claim) = clock.claim_idle(request.key(), || self.loader.new_brick()) else {
             return Ok(());
         };
         drop(clock);
-        self.fill(request, slot, scratch, false).map(drop)
+        self.fill(request, claim, scratch, false).map(drop)
     }
 
     fn fill(
         &self,
         request: &L::Request,
-        (slot, brick): (usize, Arc<L::Brick>),
+        claim: Claim<L::Brick>,
         scratch: &mut L::Scratch,
         used: bool,
     ) -> Result<(Arc<L::Brick>, Loaded)> {
         let key = request.key();
-        let mut filling = Filling { pool: self, key, slot, brick: Some(brick) };
+        let Claim { place, brick } = claim;
+        let mut filling = Filling { pool: self, key, place, brick: Some(brick) };
         let brick = filling.brick.as_mut().and_then(Arc::get_mut).ok_or_else(all_in_use)?;
         let loaded = self.loader.load(request, scratch, brick)?;
-        let form = (request.brick(), request.form());
-        self.counters.count_load(form, request.level(), &loaded);
+        let (brick, form) = (request.brick(), request.form());
+        self.counters.count_load(brick, form, request.level(), &loaded);
         let brick = filling.publish(used, request.last_turn()).ok_or_else(all_in_use)?;
         Ok((brick, loaded))
     }
@@ -160,14 +161,14 @@ impl<'l, L: Loader> Pool<'l, L> {
 struct Filling<'p, 'l, L: Loader> {
     pool: &'p Pool<'l, L>,
     key: u64,
-    slot: usize,
+    place: usize,
     brick: Option<Arc<L::Brick>>,
 }
 
 impl<L: Loader> Filling<'_, '_, L> {
     fn publish(mut self, used: bool, last_turn: u64) -> Option<Arc<L::Brick>> {
         let brick = self.brick.take()?;
-        self.pool.lock().publish(self.slot, Arc::clone(&brick), used, last_turn);
+        self.pool.lock().publish(self.place, Arc::clone(&brick), used, last_turn);
         self.pool.changed.notify_all();
         Some(brick)
     }
@@ -176,7 +177,7 @@ impl<L: Loader> Filling<'_, '_, L> {
 impl<L: Loader> Drop for Filling<'_, '_, L> {
     fn drop(&mut self) {
         if let Some(brick) = self.brick.take() {
-            self.pool.lock().release(self.slot, self.key, brick);
+            self.pool.lock().release(self.place, self.key, brick);
             self.pool.changed.notify_all();
         }
     }

@@ -189,7 +189,7 @@ fn what_no_turn_to_come_needs_makes_room_before_new_slots_do() {
 #[test]
 fn a_brick_that_is_needed_for_longer_than_was_said_first_stays() {
     let mut clock = Clock::new(4);
-    let (place, brick) = clock.claim(7, || ()).unwrap();
+    let Claim { place, brick } = clock.claim(7, || ()).unwrap();
     clock.publish(place, brick, true, 0);
     assert!(matches!(clock.find(7, 5), Found::Ready(_)));
     clock.turns_are_over(1);
@@ -204,7 +204,7 @@ fn a_brick_that_is_needed_for_longer_than_was_said_first_stays() {
 fn turns_are_noted_in_bounded_memory() {
     let mut clock = Clock::new(4);
     for n in 0..10_000_u64 {
-        let (place, brick) = clock.claim(n, || ()).unwrap();
+        let Claim { place, brick } = clock.claim(n, || ()).unwrap();
         clock.publish(place, brick, true, n + 5);
         for turn in n..n + 3 {
             assert!(matches!(clock.find(n, turn), Found::Ready(_)));

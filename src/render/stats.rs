@@ -187,7 +187,7 @@ mod tests {
         let census = Census { coarser: 40, covered: 5, drawn: 10, ..Census::default() };
         let counted = |loaded: u64| {
             for key in counters.distinct()..loaded {
-                counters.count_load((key, 0), 0, &Loaded::default());
+                counters.count_load(key, 0, 0, &Loaded::default());
             }
             let mut stats = Stats::default();
             stats.set_bricks(60, &census, &counters);
