@@ -24,6 +24,6 @@ pub use header::{CachedField, Header, MAX_FIELDS, TreeLevel};
 pub use index::{Cursor, WINDOW_BYTES};
 pub use reader::Cache;
 pub(crate) use record::EMPTY_RANGE;
-pub use record::{FieldRecord, NodeRecord};
+pub use record::{BrickEntry, FieldRecord, NodeRecord};
 pub use verify::{Damage, Report, verify};
 pub use writer::Writer;

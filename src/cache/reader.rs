@@ -17,7 +17,7 @@ use super::checksum::{Checksum, checksum, checksum_at, payload_place};
 use super::codec::{Decoder, Precision, can_be_stored};
 use super::header::{Header, MAGIC, MAX_HEADER_BYTES, PREFIX_BYTES, VERSION};
 use super::index::{Cursor, Index};
-use super::record::{FieldRecord, NodeRecord};
+use super::record::{BrickEntry, FieldRecord};
 use crate::{Error, Result, regular_file};
 
 /// An open cache. Opening reads the header and the table of page checksums, nothing else.
@@ -108,20 +108,19 @@ impl Cache {
         }
     }
 
-    /// Reads brick `node`'s payload of field `field` into `brick`, checked against its checksum,
-    /// its records and the tree; of values in fewer digits only what tells these. Says how long the
-    /// file took.
+    /// Reads the payload of `entry` into `brick`, checked against its checksum, its records and the
+    /// tree; of values in fewer digits only what tells these. Says how long the file took.
     ///
     /// # Errors
     /// A payload that cannot be read, is damaged, or contradicts its records.
     pub fn read_brick(
         &self,
-        (node, node_record): (u64, &NodeRecord),
-        (field, record): (usize, &FieldRecord),
+        entry: &BrickEntry<'_>,
         precision: Precision,
         decoder: &mut Decoder,
         brick: &mut RawBrick,
     ) -> Result<Duration> {
+        let BrickEntry { node, field, node_record, field_record: record } = *entry;
         let damaged = |reason: &str| self.damaged(node, field, reason);
         let shape = self.header.shape;
         let blocks = usize::from(record.parent_blocks) + 1;

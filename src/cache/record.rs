@@ -235,3 +235,16 @@ impl FieldRecord {
 
 /// The [min, max] of nothing: all cells NaN, or none.
 pub(crate) const EMPTY_RANGE: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
+
+/// What the index says of a node's brick of a field.
+#[derive(Debug, Clone, Copy)]
+pub struct BrickEntry<'i> {
+    /// The node's index.
+    pub node: u64,
+    /// The field's number in the header.
+    pub field: usize,
+    /// The node's record.
+    pub node_record: &'i NodeRecord,
+    /// The record of the field in the node.
+    pub field_record: &'i FieldRecord,
+}

@@ -9,7 +9,7 @@ use super::codec::{Decoder, Precision};
 use super::header::TreeLevel;
 use super::index::Cursor;
 use super::reader::Cache;
-use super::record::NodeRecord;
+use super::record::{BrickEntry, NodeRecord};
 use crate::{Error, Result};
 
 /// Most damaged places that a report lists one by one.
@@ -170,10 +170,10 @@ impl Check<'_> {
         if !record.is_void() {
             report.payloads += 1;
             report.bytes += record.stored_bytes(Precision::Full);
+            let entry = BrickEntry { node, field, node_record, field_record: &record };
             let (decoder, brick) = (&mut self.decoder, &mut self.brick);
-            let (records, precision) = ((node, node_record), Precision::Full);
-            self.cache.read_brick(records, (field, &record), precision, decoder, brick)?;
-            for (_, offset, length) in record.parts(precision) {
+            self.cache.read_brick(&entry, Precision::Full, decoder, brick)?;
+            for (_, offset, length) in record.parts(Precision::Full) {
                 self.extents.add(offset, length as u64);
             }
             if self.brick.rounding_errors() != record.errors {

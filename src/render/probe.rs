@@ -7,7 +7,8 @@ use glam::DVec3;
 use super::brick::interpolant::DrawnNeighbours;
 use super::brick::scaled::{ScaledBrick, one_by_one};
 use crate::cache::{
-    BrickPlace, Cache, Cursor, Decoder, FieldRecord, NodeRecord, Precision, RawBrick, state,
+    BrickEntry, BrickPlace, Cache, Cursor, Decoder, FieldRecord, NodeRecord, Precision, RawBrick,
+    state,
 };
 use crate::scene::Interpolation;
 use crate::space::{Decimal, Position};
@@ -170,14 +171,13 @@ impl<'c> Probe<'c> {
             self.bricks.clear();
         }
         let mut raw = RawBrick::default();
-        let (record, field) = (&finest.record, &finest.field);
-        self.cache.read_brick(
-            (finest.node, record),
-            (self.field, field),
-            Precision::Full,
-            &mut self.decoder,
-            &mut raw,
-        )?;
+        let entry = BrickEntry {
+            node: finest.node,
+            field: self.field,
+            node_record: &finest.record,
+            field_record: &finest.field,
+        };
+        self.cache.read_brick(&entry, Precision::Full, &mut self.decoder, &mut raw)?;
         self.cache.check_place(finest.node, self.field, &finest.place, &raw)?;
         self.bricks.insert(finest.node, raw);
         Ok(())

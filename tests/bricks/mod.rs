@@ -14,7 +14,7 @@ use std::collections::HashMap;
 use std::rc::Rc;
 
 use deepfield::cache::{
-    BrickPlace, Cache, Decoder, FieldRecord, NodeRecord, Precision, RawBrick, state,
+    BrickEntry, BrickPlace, Cache, Decoder, FieldRecord, NodeRecord, Precision, RawBrick, state,
 };
 use deepfield::render::cut::FootprintCut;
 use deepfield::render::interpolant::DrawnNeighbours;
@@ -97,9 +97,10 @@ impl<'c> Tree<'c> {
             return Rc::clone(raw);
         }
         let mut raw = RawBrick::default();
-        let (mut decoder, Node { index, record, field, .. }) = (self.decoder.borrow_mut(), node);
-        let (records, full) = ((*index, record), Precision::Full);
-        self.cache.read_brick(records, (0, field), full, &mut decoder, &mut raw).unwrap();
+        let (node_record, field_record) = (&node.record, &node.field);
+        let entry = BrickEntry { node: node.index, field: 0, node_record, field_record };
+        let mut decoder = self.decoder.borrow_mut();
+        self.cache.read_brick(&entry, Precision::Full, &mut decoder, &mut raw).unwrap();
         Rc::clone(keep(&mut self.raw.borrow_mut(), node.index, raw))
     }
 

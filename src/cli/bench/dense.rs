@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use crate::cache::{BrickPlace, Cache, Cursor, Decoder, Precision, RawBrick, TreeLevel};
+use crate::cache::{
+    BrickEntry, BrickPlace, Cache, Cursor, Decoder, Precision, RawBrick, TreeLevel,
+};
 use crate::source::{GridBlock, GridRecord, Hierarchy, Source, SourceField};
 use crate::space::{Domain, IndexBox, Levels};
 use crate::{Error, Result};
@@ -129,8 +131,13 @@ impl Sampling<'_, '_> {
             if !described.is_void() {
                 let cache = self.grid.cache;
                 let (decoder, brick) = (&mut self.decoder, &mut self.brick);
-                let (node, field) = ((node, &record), (self.field, &described));
-                cache.read_brick(node, field, Precision::Full, decoder, brick)?;
+                let entry = BrickEntry {
+                    node,
+                    field: self.field,
+                    node_record: &record,
+                    field_record: &described,
+                };
+                cache.read_brick(&entry, Precision::Full, decoder, brick)?;
                 own.iter().for_each(|octant| self.copy(&place, *octant));
             }
         }

@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use crate::atomic_file;
-use crate::cache::{BrickPlace, Cache, CachedField, Decoder, Precision, RawBrick, state};
+use crate::cache::{
+    BrickEntry, BrickPlace, Cache, CachedField, Decoder, Precision, RawBrick, state,
+};
 use crate::{Error, Result};
 
 /// From the deepest cell to the eye within, in such cells.
@@ -90,8 +92,8 @@ fn deepest_cell(cache: &Cache) -> Result<(i32, [i128; 3])> {
         let mut decoder = Decoder::new()
             .map_err(|source| Error::io(cache.path(), "cannot set up decompression", source))?;
         let mut brick = RawBrick::default();
-        let (node, field) = ((node, &record), (0, &described));
-        cache.read_brick(node, field, Precision::Full, &mut decoder, &mut brick)?;
+        let entry = BrickEntry { node, field: 0, node_record: &record, field_record: &described };
+        cache.read_brick(&entry, Precision::Full, &mut decoder, &mut brick)?;
         cell = central_cell(&brick, edge).unwrap_or(cell);
     }
     let lowest = place.lowest_cell(header.shape);

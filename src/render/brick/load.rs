@@ -3,7 +3,7 @@
 use super::scaled::ScaledBrick;
 use super::steepness::Surveyor;
 use crate::cache::{
-    BrickPlace, Cache, Decoder, FieldRecord, NodeRecord, PARTS, Precision, RawBrick,
+    BrickEntry, BrickPlace, Cache, Decoder, FieldRecord, NodeRecord, PARTS, Precision, RawBrick,
 };
 use crate::paging::{FORMS, Loaded, Loader, Request};
 use crate::render::transfer::pieces::PieceList;
@@ -107,8 +107,9 @@ impl Loader for BrickLoader<'_> {
         let BrickRequest { node, place, record, field, precision, .. } = request;
         let BrickScratch { decoder, raw, surveyor } = scratch;
         let volume = self.shading.field;
-        let records = ((*node, record), (volume, field));
-        let reading = self.cache.read_brick(records.0, records.1, *precision, decoder, raw)?;
+        let entry =
+            BrickEntry { node: *node, field: volume, node_record: record, field_record: field };
+        let reading = self.cache.read_brick(&entry, *precision, decoder, raw)?;
         self.cache.check_place(*node, volume, place, raw)?;
         let header = self.cache.header();
         let map = |stored: &[f32], x: &mut [f64]| self.shading.map_all(stored, x);
