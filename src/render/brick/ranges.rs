@@ -48,7 +48,8 @@ impl Ranges {
     /// is no number does not count.
     pub(super) fn find(
         &mut self,
-        (values, side): (&[f64], usize),
+        values: &[f64],
+        side: usize,
         windows: &Triples,
         found: &mut Vec<Steepness>,
     ) {

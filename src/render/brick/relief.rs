@@ -142,7 +142,7 @@ impl Relief {
     /// `finer` is of.
     pub(crate) fn loosen(&mut self, finer: &Self, pieces: &PieceList, off: &[f64]) {
         for (n, (group, off)) in self.groups.iter_mut().zip(off).enumerate() {
-            let most = |number: fn(&Group) -> f64| finer.most_beneath((n, self.side), number);
+            let most = |number: fn(&Group) -> f64| finer.most_beneath(n, self.side, number);
             group.thinned = off + most(|group| group.thinned);
             group.storage = Storage::at_most(most(|group| group.storage.most()));
             group.low -= group.thinned;
@@ -158,7 +158,7 @@ impl Relief {
 
     /// The largest that a number is in groups that hold part of group `n` of a thinner brick, of
     /// `side` groups along an edge.
-    fn most_beneath(&self, (n, side): (usize, usize), number: fn(&Group) -> f64) -> f64 {
+    fn most_beneath(&self, n: usize, side: usize, number: fn(&Group) -> f64) -> f64 {
         // Wider dual cells begin half of one, a finer one, before the cells.
         let within = |n: usize| (2 * n).saturating_sub(1)..=(2 * n + 1).min(self.side - 1);
         let mut most = 0.0_f64;
@@ -260,7 +260,7 @@ impl GroupBuilder<'_> {
         let beneath = if has_children { residual } else { 0.0 };
         let holds_averages = of_group.holds_averages || has_children;
         let stored = if holds_averages { storage } else { leaf_storage };
-        group.storage = Storage::new(&stored, [group.low, group.high], (beneath, tree));
+        group.storage = Storage::new(&stored, [group.low, group.high], beneath, tree);
         if has_children && fills_void {
             let [low, high] = [tree[0].min(group.low), tree[1].max(group.high)];
             group.levels = self.pieces.over(low, high).most;

@@ -125,7 +125,7 @@ impl Surveyor {
         let Self { ranges, flags, windows, of_groups, of_block, .. } = self;
         of_block.clear();
         of_block.reserve_exact(windows.iter().map(Vec::len).product());
-        ranges.find((&block.values, block.side), windows, of_block);
+        ranges.find(&block.values, block.side, windows, of_block);
         of_groups.extend(of_block.iter().map(|found| {
             let steepness = Steepness { values: found.values, slopes: [[0.0; 2]; 3] };
             // Cells that have averages have children, which says as much.
@@ -134,7 +134,8 @@ impl Surveyor {
         let mut of_group = of_groups.iter_mut();
         let area = block.side * block.side;
         flags.fold(
-            (block.side, windows),
+            block.side,
+            windows,
             0,
             |a, b| a | b,
             |z, plane| {
@@ -183,7 +184,8 @@ impl Surveyor {
             is_mixed.resize(of_group.len(), false);
         } else {
             flags.fold(
-                (count, shorter),
+                count,
+                shorter,
                 0,
                 |a, b| a | b,
                 |z, plane| {
@@ -204,7 +206,8 @@ impl Surveyor {
         let block = &brick.blocks[0];
         let mut marked = of_groups.iter_mut().zip(is_mixed.iter());
         flags.fold(
-            (block.side, windows),
+            block.side,
+            windows,
             0,
             |a, b| a | b,
             |z, plane| plane.copy_from_slice(&block.states[z * plane.len()..][..plane.len()]),
@@ -251,7 +254,7 @@ impl Surveyor {
         let Self { ranges, windows, of_block, .. } = self;
         of_block.clear();
         of_block.reserve_exact(windows.iter().map(Vec::len).product());
-        ranges.find((&block.values, block.side), windows, of_block);
+        ranges.find(&block.values, block.side, windows, of_block);
     }
 
     /// The largest difference of the finer block's values to the coarser interpolant at their
@@ -263,7 +266,8 @@ impl Surveyor {
         along.clear();
         along.extend((0..fine.side).map(|x| parents.along(0, x)));
         numbers.fold(
-            (fine.side, windows),
+            fine.side,
+            windows,
             0.0,
             f64::max,
             |z, plane| {

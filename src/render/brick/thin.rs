@@ -121,7 +121,8 @@ impl Thinner {
     /// any group, that `fits` says so; and how often it was halved. None where it was not.
     pub(crate) fn thin(
         &mut self,
-        (key, brick): (u64, &ScaledBrick),
+        key: u64,
+        brick: &ScaledBrick,
         pieces: &PieceList,
         fits: impl Fn(Change) -> bool,
     ) -> Option<(&ScaledBrick, usize)> {
@@ -194,7 +195,7 @@ fn find_values(
     values.clear();
     values.extend_from_slice(found);
     for stride in [1, side, side * side] {
-        straighten(found, values, is_own, (side, stride));
+        straighten(found, values, is_own, side, stride);
     }
     // Ghosts, so that the interpolant is on the faces what was found there.
     for stride in [1, side, side * side] {
@@ -207,7 +208,7 @@ fn find_values(
 }
 
 /// Moves middles by half of what chords between them are off, along the axis with `stride`.
-fn straighten(found: &[f64], values: &mut [f64], is_own: &[bool], (side, stride): (usize, usize)) {
+fn straighten(found: &[f64], values: &mut [f64], is_own: &[bool], side: usize, stride: usize) {
     for at in (0..values.len()).filter(|&at| is_own[at]) {
         let n = at / stride % side;
         if n == 0 || n == side - 1 {

@@ -64,7 +64,7 @@ proptest! {
             count.set(count.get() + 1);
             count.get() <= 2 * halvings
         };
-        let Some((thin, found)) = thinner.thin((0, &brick), &transfer.all, fits) else {
+        let Some((thin, found)) = thinner.thin(0, &brick, &transfer.all, fits) else {
             // What is left of the domain, or all of a brick, may be void.
             prop_assert!(brick.relief.whole.has_void);
             return Ok(());
@@ -88,7 +88,7 @@ fn what_a_thinner_brick_says_is_met_where_there_is_no_border() {
         let data = TestData::one_level(values);
         let brick = surveyed(&data, (0, [1, 0, 1]), &transfer);
         let mut thinner = Thinner::default();
-        let (thin, _) = thinner.thin((0, &brick), &transfer.all, |_| true).unwrap();
+        let (thin, _) = thinner.thin(0, &brick, &transfer.all, |_| true).unwrap();
         let mut farthest = 0.0_f64;
         for place in (0..17 * 17 * 17).map(|n| [n % 17, n / 17 % 17, n / 289]) {
             let place = place.map(|n: i32| f64::from(n) / 2.0);
@@ -107,7 +107,7 @@ fn values_that_bend_evenly_lie_between_chords() {
     let data = TestData::one_level(|level, cell| bent(level, [cell[0], 0, 0]));
     let brick = surveyed(&data, (0, [1, 0, 1]), &transfer);
     let mut thinner = Thinner::default();
-    let (thin, _) = thinner.thin((0, &brick), &transfer.all, |_| true).unwrap();
+    let (thin, _) = thinner.thin(0, &brick, &transfer.all, |_| true).unwrap();
     let off = thin.relief.whole.thinned;
     assert!((off / 0.002 - 1.0).abs() < 1e-4, "{off}");
 }
@@ -118,7 +118,7 @@ fn where_light_steps_or_likely_is_off_by_too_much_nothing_is_tried() {
     let mut thinner = Thinner::default();
     let stepped = pieces(&steps());
     let brick = surveyed(&data, (0, [1, 0, 1]), &stepped);
-    assert!(thinner.thin((0, &brick), &stepped.all, |_| true).is_none());
+    assert!(thinner.thin(0, &brick, &stepped.all, |_| true).is_none());
     let transfer = pieces(&smooth());
     let brick = surveyed(&data, (0, [1, 0, 1]), &transfer);
     let asked = std::cell::Cell::new(0);
@@ -126,7 +126,7 @@ fn where_light_steps_or_likely_is_off_by_too_much_nothing_is_tried() {
         asked.set(asked.get() + 1);
         false
     };
-    assert!(thinner.thin((0, &brick), &transfer.all, never).is_none());
+    assert!(thinner.thin(0, &brick, &transfer.all, never).is_none());
     assert_eq!(asked.get(), 1);
 }
 
@@ -138,7 +138,7 @@ fn buffers_stay_within_their_bytes() {
     for at in BRICKS.into_iter().chain(UNTIDY_BRICKS) {
         let brick = surveyed(&data, at, &transfer);
         blocks = blocks.max(brick.used);
-        thinner.thin((0, &brick), &transfer.all, |_| true);
+        thinner.thin(0, &brick, &transfer.all, |_| true);
     }
     let Thinner { values, is_own, comparison, .. } = &thinner;
     let Comparison { halves, row, apart, farthest, off } = comparison;
@@ -165,5 +165,5 @@ fn values_are_not_moved_to_a_step() {
     let step = transfer.all.over(0.5499, 0.5506).jumps;
     assert!(step != Change::default(), "there is no step there");
     assert!(brick.relief.whole.span.jumps == Change::default());
-    assert!(Thinner::default().thin((0, &brick), &transfer.all, |_| true).is_none());
+    assert!(Thinner::default().thin(0, &brick, &transfer.all, |_| true).is_none());
 }

@@ -34,7 +34,8 @@ impl<T: Copy> Folder<T> {
     /// plane z, x fastest.
     pub(super) fn fold(
         &mut self,
-        (side, windows): (usize, &Triples),
+        side: usize,
+        windows: &Triples,
         none: T,
         fold: impl Fn(T, T) -> T + Copy,
         mut plane: impl FnMut(usize, &mut [T]),
@@ -117,7 +118,8 @@ mod tests {
             for _ in 0..2 {
                 found.clear();
                 folder.fold(
-                    (7, &windows),
+                    7,
+                    &windows,
                     f64::NEG_INFINITY,
                     f64::max,
                     |z, plane| plane.copy_from_slice(&values[z * 49..][..49]),

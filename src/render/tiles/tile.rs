@@ -406,7 +406,7 @@ fn thin<'t>(
     }
     let crossing = step.frame.crossing(&step.footprint, passage.brick.edge as f64);
     let fits = |change: Change| change.light(behind) * crossing * transmittance <= limit;
-    let (brick, halvings) = thinner.thin((step.request.key(), passage.brick), pieces, fits)?;
+    let (brick, halvings) = thinner.thin(step.request.key(), passage.brick, pieces, fits)?;
     let part = Part { passage: *passage, frame: step.frame, footprint: step.footprint };
     let mut part = (0..halvings).fold(part, |part, _| part.wider(brick));
     // The finer cells.

@@ -30,7 +30,8 @@ impl Storage {
     pub(crate) fn new(
         rounding: &Rounding,
         [low, high]: [f64; 2],
-        (beneath, tree): (f64, [f64; 2]),
+        beneath: f64,
+        tree: [f64; 2],
     ) -> Self {
         let lowest = (low - beneath).max(tree[0].min(low));
         let highest = (high + beneath).min(tree[1].max(high));
@@ -197,7 +198,7 @@ mod tests {
         let extrema = FieldExtrema { minimum: 0.0, maximum: 1e9, smallest_positive: Some(1.0) };
         let mapping = Mapping::new(Scale::Linear, Some([0.0, 1.0]), extrema, 1.0).unwrap();
         let tree = [f64::NEG_INFINITY, f64::INFINITY];
-        let storage = Storage::new(&mapping.rounding(STORED, 0.0), [0.5, 1e6], (0.0, tree));
+        let storage = Storage::new(&mapping.rounding(STORED, 0.0), [0.5, 1e6], 0.0, tree);
         assert!(storage.most() < 1.1 * STORED && f64::from(storage.largest) >= 1e6 * STORED);
         // x is flat beside what such corners may do: truth may cross on both sides.
         let x = Polynomial([0.45, 0.1]);
@@ -243,7 +244,8 @@ mod tests {
             }
             let low = own.iter().copied().fold(f64::INFINITY, f64::min);
             let high = own.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            let storage = Storage::new(&rounding, [low, high], (beneath, [f64::NEG_INFINITY, f64::INFINITY]));
+            let tree = [f64::NEG_INFINITY, f64::INFINITY];
+            let storage = Storage::new(&rounding, [low, high], beneath, tree);
             let [x, kept, off] = [drawn, kept, off].map(|sum| sum / total);
             let bound = storage.up_to(x) * (1.0 + 1e-9);
             for other in [kept - off, kept + off] {
