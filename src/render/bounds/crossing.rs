@@ -56,15 +56,18 @@ pub(crate) fn is_clean(ends: [f64; 2], [lower, upper]: [&Piece; 2], reach: f64) 
 }
 
 impl<'p> Crossing<'p> {
-    /// A way along `x`, monotone and of `length`, crosses `step` from the piece `before` where
-    /// transmittance falls `from` one value `to` another within the piece.
+    /// A way along `x`, monotone and of `length`, crosses the step where the piece `upper` starts,
+    /// from the piece `before` where transmittance falls `from` one value `to` another within the
+    /// piece.
     pub(crate) fn new<const N: usize>(
         x: &Polynomial<N>,
         length: f64,
-        (step, place, reach): (&'p Step, f64, &Reach),
+        upper: &'p Piece,
+        reach: &Reach,
         before: &'p Piece,
         [from, to]: [f64; 2],
     ) -> Self {
+        let (step, place) = (&upper.step, upper.start);
         let across = length * reach.share_across(x, place);
         let [stored, reach] = reach.near(place);
         let near = length * x.share_near(place, reach);
@@ -164,8 +167,7 @@ mod tests {
         let (before, after) = (pieces.all.at(0.3), pieces.all.at(0.5));
         assert!(is_clean([0.2, 0.7], [before, after], reach));
         let reach = Reach { others: reach, is_elsewhere: true, ..Reach::default() };
-        let at = (&after.step, 0.4, &reach);
-        let crossing = Crossing::new(&x, 1.0, at, before, [1.0, 1.0]);
+        let crossing = Crossing::new(&x, 1.0, after, &reach, before, [1.0, 1.0]);
         crossing.sums(&x, 1.0, [0.4, 1.0], after, brightest)[0]
     }
 

@@ -27,7 +27,8 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::render::brick::kept_rates::{KeptRates, Key};
+use crate::render::brick::kept_rates::Key;
+use crate::render::brick::passage::Passage;
 use crate::render::brick::relief::{Group, Relief};
 use crate::render::transfer::change::Change;
 use crate::render::transfer::pieces::TransferPieces;
@@ -116,8 +117,10 @@ impl PacketTransfer {
     /// by `allowed` along a ray, with so much light expected from `behind`, in a domain through
     /// which the longest way is `longest`, code length.
     pub(crate) fn new(
-        (table, close): (TransferTable, TransferPieces),
-        (allowed, behind): (Option<f64>, f64),
+        table: TransferTable,
+        close: TransferPieces,
+        allowed: Option<f64>,
+        behind: f64,
         longest: f64,
     ) -> Self {
         Self { number: next_number(), table, close, allowed, longest, behind }
@@ -171,25 +174,28 @@ pub(crate) struct Grades {
 }
 
 impl Grades {
-    /// Grades the groups of a brick whose cells measure `diagonal` code lengths from corner to
-    /// corner.
+    /// Grades the groups of the brick of a passage, whose cells measure `diagonal` code lengths from
+    /// corner to corner.
     pub(crate) fn fill(
         &mut self,
-        (relief, kept, hides): (&Relief, &KeptRates, bool),
-        (diagonal, care): (f64, Care),
+        passage: &Passage<'_>,
+        diagonal: f64,
+        care: Care,
         has_squares: bool,
         transfer: &PacketTransfer,
     ) {
+        let Passage { brick, hides, .. } = *passage;
+        let relief = &brick.relief;
         let reach = if hides { relief.levels_reach } else { 0.0 };
         let count = relief.count();
         (self.parts, self.share) = (care.parts(), care.share_of_cell());
         let grader = Grader { transfer, reach, diagonal, parts: f64::from(self.parts) };
         let key = Key { transfer: transfer.number, hides, is_fine: care > Care::Rough };
-        kept.fill(key, &mut self.rates, |rates| {
+        brick.rates.fill(key, &mut self.rates, |rates| {
             rates.extend((0..count).map(|n| grader.grade(relief.group(n))));
         });
         self.fit = self.rates.iter().filter(|rate| **rate != UNFIT).count();
-        self.fill_levels((relief, hides), transfer);
+        self.fill_levels(relief, hides, transfer);
         let (most, slope) = (relief.whole.storage.most(), relief.whole.storage.slope());
         let rows = (0..count).map(|n| {
             let [a, b, c, d] = stored(relief.group(n), slope, &transfer.table);
@@ -210,26 +216,23 @@ impl Grades {
         }
     }
 
-    /// Grades the groups of a brick whose cells are constant and far from steps: there all groups
-    /// are fit, and their rates say the most that they emit and absorb.
-    pub(crate) fn fill_cells(
-        &mut self,
-        (relief, hides): (&Relief, bool),
-        transfer: &PacketTransfer,
-    ) {
+    /// Grades the groups of the brick of a passage, whose cells are constant and far from steps:
+    /// there all groups are fit, and their rates say the most that they emit and absorb.
+    pub(crate) fn fill_cells(&mut self, passage: &Passage<'_>, transfer: &PacketTransfer) {
+        let relief = &passage.brick.relief;
         (self.parts, self.share) = (1, 1.0);
         let most = |n: usize| pack(relief.group(n).span.most, &transfer.table);
         self.rates.clear();
         self.rates.extend((0..relief.count()).map(most));
         self.fit = self.rates.len();
-        self.fill_levels((relief, hides), transfer);
+        self.fill_levels(relief, passage.hides, transfer);
         self.rows.clear();
         self.reliefs.clear();
     }
 
     /// Takes in what levels beneath make each group be off by, where the brick is drawn in their
     /// place.
-    fn fill_levels(&mut self, (relief, hides): (&Relief, bool), transfer: &PacketTransfer) {
+    fn fill_levels(&mut self, relief: &Relief, hides: bool, transfer: &PacketTransfer) {
         self.levels.clear();
         if hides {
             let groups = (0..relief.count()).map(|n| relief.group(n));

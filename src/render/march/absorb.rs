@@ -223,11 +223,10 @@ impl<'a> Integrator<'a> {
         let reach = self.reach?;
         let pieces = self.pieces;
         let pair = [pieces.piece(lower), pieces.piece(lower + 1)];
-        let step = &pair[1].step;
-        let is_alone = !step.is_nothing() && is_clean([x.at(0.0), x.at(1.0)], pair, reach.most());
-        let at = (step, pair[1].start, &reach);
+        let is_alone =
+            !pair[1].step.is_nothing() && is_clean([x.at(0.0), x.at(1.0)], pair, reach.most());
         let both = [transmittance, self.state.transmittance];
-        is_alone.then(|| Crossing::new(x, length, at, before, both))
+        is_alone.then(|| Crossing::new(x, length, pair[1], &reach, before, both))
     }
 
     /// The part of a monotone `x` over s in [`from`, `to`], which crosses `piece` from x =

@@ -92,7 +92,7 @@ impl<'s> Stage<'s> {
         let close = TransferPieces::new(function, |_| 0.01 * ALLOWED / longest);
         let table = TransferTable::new(&transfer.all, &close.merged);
         let allowed = Some(ALLOWED);
-        let packets = Some(PacketTransfer::new((table, close), (allowed, 1.0), longest));
+        let packets = Some(PacketTransfer::new(table, close, allowed, 1.0, longest));
         let ending = Ending::new(brightest, 0.0);
         let light = Light { pieces: &transfer.all, ending, packets };
         Self { grid, parts, light, brightest }

@@ -61,7 +61,7 @@ impl<'s> Setting<'s> {
         let close = TransferPieces::new(transfer, |_| 0.01 * allowed / LONGEST);
         let table = TransferTable::new(&exact.all, &close.merged);
         let (allowed, longest) = (Some(allowed), LONGEST);
-        let packets = Some(PacketTransfer::new((table, close), (allowed, 1.0), longest));
+        let packets = Some(PacketTransfer::new(table, close, allowed, 1.0, longest));
         let ending = Ending::new(LONGEST * exact.largest_emission(), 0.0);
         let region = Region { lo: [0.0; 3], hi: [f64::from(EDGE); 3], ends: 0 };
         let passage = Passage { brick, region, drawn, hides: false };

@@ -152,7 +152,7 @@ impl Packets {
         (diagonal, care): (f64, Care),
         has_squares: bool,
     ) -> bool {
-        let Passage { brick, drawn, hides, .. } = *passage;
+        let Passage { brick, drawn, .. } = *passage;
         let Tables { grades, kinds, kinks } = &mut self.tables;
         let Some(transfer) = &light.packets else { return false };
         if care == Care::Exact
@@ -167,15 +167,14 @@ impl Packets {
             if is_fit {
                 kinds.clear();
                 *kinks = [[0.0; 4]; 2];
-                grades.fill_cells((&brick.relief, hides), transfer);
+                grades.fill_cells(passage, transfer);
             }
             return is_fit;
         }
         if brick.narrow[0].values.is_empty() {
             return false;
         }
-        let looks = (&brick.relief, &brick.rates, hides);
-        grades.fill(looks, (diagonal, care), has_squares, transfer);
+        grades.fill(passage, diagonal, care, has_squares, transfer);
         kinds.clear();
         if grades.fit == 0 {
             return false;
