@@ -96,7 +96,8 @@ impl MemoryPlan {
     /// # Errors
     /// A limit that is too small: the message names the smallest that works, in MiB.
     pub(crate) fn new(
-        (cache, interpolation): (&Cache, Interpolation),
+        cache: &Cache,
+        interpolation: Interpolation,
         pixels: &PixelGrid,
         options: &RenderOptions<'_>,
     ) -> Result<Self> {

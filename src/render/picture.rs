@@ -5,8 +5,6 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 
-use crossbeam::channel::Receiver;
-
 use super::brick::load::{BrickLoader, BrickRequest, BrickScratch};
 use super::brick::scaled::ScaledBrick;
 use super::camera::rays::PixelRect;
@@ -68,16 +66,16 @@ impl Picture<'_, '_> {
     /// The first of what any thread met: all others stop.
     pub(super) fn draw(
         &self,
-        (threads, readers): (usize, usize),
+        threads: usize,
+        readers: usize,
         wanted: &(dyn Fn(u64) -> bool + Sync),
         samples: &mut [u64],
     ) -> Result<()> {
         *lock(&self.turns) = Turns::default();
         self.pool.begin_turns();
         self.tiles_done.store(0, Ordering::Relaxed);
-        let (ahead, requests) = ReadAhead::new(STEPS_AHEAD * threads);
         let workers = std::thread::scope(|scope| {
-            let workers = self.launch(scope, threads, (ahead, readers, requests), wanted);
+            let workers = self.launch(scope, threads, readers, wanted);
             if workers.is_err() {
                 self.is_stopped.store(true, Ordering::Relaxed);
             }
@@ -97,9 +95,10 @@ impl Picture<'_, '_> {
         &'s self,
         scope: &'s Scope<'s, '_>,
         threads: usize,
-        (ahead, readers, requests): (ReadAhead<BrickRequest>, usize, Receiver<BrickRequest>),
+        readers: usize,
         wanted: &'s (dyn Fn(u64) -> bool + Sync),
     ) -> Result<Vec<ScopedJoinHandle<'s, Result<Vec<u64>>>>> {
+        let (ahead, requests) = ReadAhead::new(STEPS_AHEAD * threads);
         for _ in 0..readers {
             let (mut scratch, requests) = (BrickScratch::new(self.cache)?, requests.clone());
             self.start(scope, move || run_reader(self.pool, &requests, &mut scratch))?;

@@ -108,15 +108,13 @@ impl<'s> Renderer<'s> {
         let light = if fixed.relative_accuracy > 0.0 { self.glance()? } else { 0.0 };
         let off = fixed.relative_accuracy * light;
         let transfer = self.transfer(off);
-        let pieces = self.pieces(&transfer);
-        let census = self.census(pixels, &cut, pieces)?;
+        let census = self.census(pixels, &cut, self.pieces(&transfer))?;
         let method = Method::Once { cut, accounts: false };
-        let mut picture =
-            self.picture(pixels, (&transfer, pieces), method, None, options.progress)?;
+        let mut picture = self.picture(pixels, &transfer, method, None, options.progress)?;
         if off > 0.0 {
             picture.light.packets = Some(self.packets(Some(off), light));
         }
-        picture.draw((self.threads, self.plan.readers), &|_| true, samples)?;
+        picture.draw(self.threads, self.plan.readers, &|_| true, samples)?;
         let rays = picture.rays.load(Ordering::Relaxed);
         Ok(Outcome { film: into_inner(picture.film), error: None, census, rays })
     }
@@ -133,20 +131,18 @@ impl<'s> Renderer<'s> {
         let effort = Effort::of(pixels.whole().count() as u64);
         let mut goal = self.first_goal(pixels, &effort, is_exact)?;
         let transfer = self.transfer(if is_exact { 0.0 } else { goal.tolerance });
-        let pieces = self.pieces(&transfer);
         if pixels.has_area() && !is_exact {
-            self.look_out(&mut goal, &effort, (&transfer, pieces))?;
+            self.look_out(&mut goal, &effort, &transfer)?;
         }
         let cut = goal.first_cut();
-        let census = self.census(pixels, &cut, pieces)?;
+        let census = self.census(pixels, &cut, self.pieces(&transfer))?;
         let method = if is_exact && !pixels.has_area() {
             Method::Once { cut: Cut::FullDepth, accounts: true }
         } else {
             Method::Within(goal)
         };
         let allowed = if is_exact { None } else { Some(goal.tolerance) };
-        let mut picture =
-            self.picture(pixels, (&transfer, pieces), method, allowed, options.progress)?;
+        let mut picture = self.picture(pixels, &transfer, method, allowed, options.progress)?;
         let part = match tolerance {
             Tolerance::Relative(part) if !is_exact => Some(part),
             _ => None,
@@ -177,7 +173,7 @@ impl<'s> Renderer<'s> {
                 let wanted = usize::try_from(tile).ok().and_then(|tile| is_drawn_again.get(tile));
                 wanted.copied().unwrap_or(true)
             };
-            picture.draw((self.threads, self.plan.readers), &wanted, samples)?;
+            picture.draw(self.threads, self.plan.readers, &wanted, samples)?;
             let Some(part) = part else { return Ok(()) };
             let errors = lock(&picture.errors);
             for (n, error) in errors.iter().enumerate().filter(|(n, _)| is_drawn_again[*n]) {
@@ -233,7 +229,7 @@ impl<'s> Renderer<'s> {
         let close = self.transfer(CLOSE * allowed.unwrap_or(0.0));
         let longest = diagonal(&self.cache.header().domain);
         let table = TransferTable::new(&self.exact.all, &close.merged);
-        PacketTransfer::new((table, close), (allowed, behind), longest)
+        PacketTransfer::new(table, close, allowed, behind, longest)
     }
 
     /// Values that are constant in each cell need no simpler formulas.
@@ -247,12 +243,12 @@ impl<'s> Renderer<'s> {
     fn picture<'p>(
         &'p self,
         pixels: &'p PixelGrid,
-        (transfer, pieces): (&TransferPieces, &'p PieceList),
+        transfer: &'p TransferPieces,
         method: Method,
         allowed: Option<f64>,
         progress: Option<&'p (dyn Fn(u64, u64) + Sync)>,
     ) -> Result<Picture<'p, 's>> {
-        let header = self.cache.header();
+        let (header, pieces) = (self.cache.header(), self.pieces(transfer));
         let view = pixels.view();
         let longest = diagonal(&header.domain);
         let brightest = transfer.brightest().min(transfer.largest_emission() * longest);

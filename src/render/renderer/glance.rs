@@ -9,7 +9,7 @@ use crate::render::camera::view::View;
 use crate::render::plan::cut::{Cut, FootprintCut};
 use crate::render::plan::effort::Effort;
 use crate::render::plan::goal::{Goal, Method, TileError};
-use crate::render::transfer::pieces::{PieceList, TransferPieces};
+use crate::render::transfer::pieces::TransferPieces;
 use crate::render::{EXACT, largest_value};
 use crate::scene::{Samples, Scene, Tolerance};
 
@@ -93,10 +93,9 @@ impl Renderer<'_> {
 
     fn glance_through(&self, cut: Cut, pixels: &PixelGrid) -> Result<f64> {
         let method = Method::Once { cut, accounts: false };
-        let exact = (self.exact, self.pieces(self.exact));
-        let mut picture = self.picture(pixels, exact, method, None, None)?;
+        let mut picture = self.picture(pixels, self.exact, method, None, None)?;
         picture.light.packets = Some(self.packets(None, 0.0));
-        picture.draw((self.threads, self.plan.readers), &|_| true, &mut [])?;
+        picture.draw(self.threads, self.plan.readers, &|_| true, &mut [])?;
         largest_value(&into_inner(picture.film))
     }
 
@@ -121,8 +120,8 @@ impl Renderer<'_> {
     /// The largest value of what is drawn for a goal, or for `part` of that.
     fn draw_for(&self, mut goal: Goal, part: Option<f64>, pixels: &PixelGrid) -> Result<f64> {
         let transfer = self.transfer(goal.tolerance);
-        let (transfer, method) = ((&transfer, self.pieces(&transfer)), Method::Within(goal));
-        let mut picture = self.picture(pixels, transfer, method, Some(goal.tolerance), None)?;
+        let method = Method::Within(goal);
+        let mut picture = self.picture(pixels, &transfer, method, Some(goal.tolerance), None)?;
         picture.light.packets = Some(self.packets_for(&goal));
         self.draw_within(&mut picture, &mut goal, part, &mut [])?;
         largest_value(&into_inner(picture.film))
@@ -133,7 +132,7 @@ impl Renderer<'_> {
         &self,
         goal: &mut Goal,
         effort: &Effort,
-        transfer: (&TransferPieces, &PieceList),
+        transfer: &TransferPieces,
     ) -> Result<()> {
         let size = self.scene.image.width.max(self.scene.image.height);
         let [few, enough] = OUTLOOKS;
@@ -153,12 +152,7 @@ impl Renderer<'_> {
 
     /// What a few pixels, quartered once, say of how bounds of pixels' areas will fall: so many along
     /// an edge, no more than a tile has.
-    fn outlook(
-        &self,
-        pixels: u32,
-        goal: &Goal,
-        transfer: (&TransferPieces, &PieceList),
-    ) -> Result<TileError> {
+    fn outlook(&self, pixels: u32, goal: &Goal, transfer: &TransferPieces) -> Result<TileError> {
         let (scene, part) = self.small(pixels);
         let view = View::new(&scene, &self.cache.header().domain)?;
         let pixels = PixelGrid::sparse(&view, part);
@@ -166,7 +160,7 @@ impl Renderer<'_> {
         let mut picture =
             self.picture(&pixels, transfer, Method::Within(quartered), Some(goal.tolerance), None)?;
         picture.light.packets = Some(self.packets_for(goal));
-        picture.draw((self.threads, self.plan.readers), &|_| true, &mut [])?;
+        picture.draw(self.threads, self.plan.readers, &|_| true, &mut [])?;
         // It is one tile.
         Ok(worst(&lock(&picture.errors)))
     }
