@@ -78,11 +78,12 @@ impl<'s> SourceCells<'s> {
             std::array::from_fn(|a| u32::try_from(edge[a] - grid.lo[a]).unwrap_or(0))
         };
         let (lo, hi) = (local(part.lo), local(part.hi));
+        let part = GridBlock { lo, size: std::array::from_fn(|a| hi[a] - lo[a]) };
         let chunks = |a: usize| lo[a] / CHUNK_EDGE..=(hi[a] - 1) / CHUNK_EDGE;
         for z in chunks(2) {
             for y in chunks(1) {
                 for x in chunks(0) {
-                    self.chunk_rows(&grid, number, field, [x, y, z], (lo, hi), row)?;
+                    self.chunk_rows(&grid, number, field, [x, y, z], part, row)?;
                 }
             }
         }
@@ -95,7 +96,7 @@ impl<'s> SourceCells<'s> {
         number: u64,
         field: usize,
         at: [u32; 3],
-        (lo, hi): ([u32; 3], [u32; 3]),
+        part: GridBlock,
         row: &mut RowVisitor<'_>,
     ) -> Result<()> {
         let block = chunk(grid, at);
@@ -107,8 +108,9 @@ impl<'s> SourceCells<'s> {
             self.source.read(grid, name, block, &mut values)?;
             Ok(values)
         })?;
-        let from: [u32; 3] = std::array::from_fn(|a| lo[a].max(first[a]));
-        let to: [u32; 3] = std::array::from_fn(|a| hi[a].min(first[a] + size[a]));
+        let from: [u32; 3] = std::array::from_fn(|a| part.lo[a].max(first[a]));
+        let to: [u32; 3] =
+            std::array::from_fn(|a| (part.lo[a] + part.size[a]).min(first[a] + size[a]));
         let width = (to[0] - from[0]) as usize;
         for z in from[2]..to[2] {
             for y in from[1]..to[1] {
