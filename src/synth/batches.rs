@@ -41,7 +41,8 @@ pub(super) fn by_level(grids: &Grids) -> Result<Vec<Vec<Grid>>> {
 /// # Errors
 /// What `take` returns.
 pub(super) fn evaluate(
-    (recipe, grids): (&Recipe, &Grids),
+    recipe: &Recipe,
+    grids: &Grids,
     list: &[Grid],
     fields: &[String],
     take: &mut dyn FnMut(&Grid, Evaluated) -> Result<()>,

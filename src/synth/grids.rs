@@ -118,9 +118,9 @@ impl Grids {
             }
         }
         if let Some(threshold) = &self.refinement.threshold {
-            let (at, scale) =
-                ((level, self.octree(level)), (self.factor(level), self.refinement.seed));
-            for block in refined_blocks(threshold, &self.model, at, grid, scale) {
+            let (octree, factor) = (self.octree(level), self.factor(level));
+            let (model, seed) = (&self.model, self.refinement.seed);
+            for block in refined_blocks(threshold, model, level, octree, grid, factor, seed) {
                 add_remainder(&mut children, block);
             }
         }

@@ -15,9 +15,11 @@ const LONGEST_RUN: i128 = 24;
 pub(super) fn refined_blocks(
     recipe: &ThresholdRecipe,
     model: &DensityModel,
-    (level, octree): (u32, u32),
+    level: u32,
+    octree: u32,
     parent: &IndexBox,
-    (factor, seed): (i128, u64),
+    factor: i128,
+    seed: u64,
 ) -> Vec<IndexBox> {
     let Some(&threshold) = recipe.density.get(level as usize) else { return Vec::new() };
     let cuts: [Vec<i128>; 3] =

@@ -33,7 +33,7 @@ fn write(recipe: &Recipe, directory: &Path, progress: &mut dyn FnMut(u64, u64)) 
     let mut done = 0;
     for (level, list) in levels.iter().enumerate() {
         let mut writer = LevelWriter::create(recipe, &folder, level)?;
-        evaluate((recipe, &grids), list, &recipe.output.fields, &mut |grid, v| {
+        evaluate(recipe, &grids, list, &recipe.output.fields, &mut |grid, v| {
             writer.add(grid, &v)?;
             done += grid.count();
             progress(done, total);

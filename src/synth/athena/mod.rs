@@ -39,11 +39,11 @@ fn write(recipe: &Recipe, directory: &Path, progress: &mut dyn FnMut(u64, u64)) 
     let (processes, mut done) = (levels.first().map_or(1, Vec::len).max(1), 0);
     for list in &levels {
         let mut domain = 0;
-        evaluate((recipe, &grids), list, &fields, &mut |grid, values| {
+        evaluate(recipe, &grids, list, &fields, &mut |grid, values| {
             let place = Place::of(grid, domain, processes);
             domain += 1;
             let path = folder.make(&place.folder())?.join(place.file(&recipe.name));
-            bytes += piece::write(&path, (&grids, grid), place.domain, (&variables, &values))?;
+            bytes += piece::write(&path, &grids, grid, place.domain, &variables, &values)?;
             done += grid.count();
             progress(done, total);
             Ok(())

@@ -22,9 +22,11 @@ pub(super) struct Variable {
 /// file's size.
 pub(super) fn write(
     path: &Path,
-    (grids, grid): (&Grids, &Grid),
+    grids: &Grids,
+    grid: &Grid,
     domain: usize,
-    (variables, values): (&[Variable], &[Vec<f64>]),
+    variables: &[Variable],
+    values: &[Vec<f64>],
 ) -> Result<u64> {
     let failed = |e| Error::io(path, "cannot write", e);
     let mut file = BufWriter::new(std::fs::File::create(path).map_err(failed)?);

@@ -19,7 +19,7 @@ pub(super) fn additive(
         Component::Core { peak, radius, slope, stretch, spiral, texture, .. } => {
             let scaled = offset / DVec3::from_array(*stretch) / *radius;
             let square = scaled.length_squared();
-            let exponent = structure(scaled, square, (*spiral, *texture), seed, memory);
+            let exponent = structure(scaled, square, *spiral, *texture, seed, memory);
             peak * decline(square, *slope) * if exponent == 0.0 { 1.0 } else { exponent.exp() }
         }
         Component::PowerLaw { value, slope, inner, .. } => {
@@ -54,7 +54,8 @@ fn decline(square: f64, slope: f64) -> f64 {
 fn structure(
     scaled: DVec3,
     square: f64,
-    (spiral, texture): (Option<Spiral>, Option<Texture>),
+    spiral: Option<Spiral>,
+    texture: Option<Texture>,
     seed: u64,
     memory: &mut NoiseMemory,
 ) -> f64 {
