@@ -84,7 +84,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     rendered.stats.set_opening(opening);
     warnings::of_bound(&rendered);
     warnings::of_nothing(&rendered, &scene, &cache);
-    write_picture((picture, format), &rendered, (&scene, &overrides(arguments)), &cache)?;
+    write_picture(picture, format, &rendered, &scene, &overrides(arguments), &cache)?;
     stats_file.map_or(Ok(()), |file| file.write(&rendered.stats))
 }
 
@@ -122,9 +122,11 @@ fn overrides(arguments: &Arguments) -> String {
 }
 
 fn write_picture(
-    (file, format): (AtomicFile, Format),
+    file: AtomicFile,
+    format: Format,
     rendered: &Rendered,
-    (scene, overrides): (&Scene, &str),
+    scene: &Scene,
+    overrides: &str,
     cache: &Cache,
 ) -> Result<()> {
     let film = &rendered.film;

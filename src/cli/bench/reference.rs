@@ -31,7 +31,8 @@ impl Reference {
     /// Whatever a render says.
     pub(super) fn new(
         renderer: &Renderer,
-        (cache, scene): (&Path, &Path),
+        cache: &Path,
+        scene: &Path,
         samples: Samples,
         budget: Duration,
     ) -> Result<Self> {

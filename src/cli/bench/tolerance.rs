@@ -59,7 +59,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         make_folder(folder)?;
     }
     let budget = Duration::from_secs(arguments.reference_seconds.into());
-    let reference = Reference::new(&renderer, (cache, scene), samples, budget)?;
+    let reference = Reference::new(&renderer, cache, scene, samples, budget)?;
     let bench = Bench { renderer: &renderer, cache, scene, reference: &reference };
     let mut rows = measure_rows(&bench, &arguments.tolerances)?;
     let rivals = arguments.fixed.then(|| fixed::measure_all(&bench, samples, goal(&bench, &rows)));
