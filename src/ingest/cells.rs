@@ -90,6 +90,7 @@ impl<'s> SourceCells<'s> {
         Ok(())
     }
 
+    /// What [`Self::rows`] does, for what of a grid's `part` lies in the chunk numbered `at`.
     fn chunk_rows(
         &self,
         grid: &GridRecord,
