@@ -149,8 +149,8 @@ impl Campaign {
         tally.reference_time += start.elapsed();
         tally.rays += reference.rays;
         let mut outcome = Outcome::new(&picture, &reference, trial, stored > 0.0);
-        let own = [&subject.name, &trial.kind, &trial.text];
-        outcome.scene = format!("{}, stored error {stored}, {}\n{}", own[0], own[1], own[2]);
+        let Trial { kind, text } = trial;
+        outcome.scene = format!("{}, stored error {stored}, {kind}\n{text}", subject.name);
         outcome.failure =
             outcome.fault(&picture, &reference).map(|fault| format!("{fault}: {}", outcome.scene));
         Ok(outcome)

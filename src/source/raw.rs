@@ -90,7 +90,8 @@ impl RawArray {
         self.per_cell.checked_mul(self.number.bytes())
     }
 
-    /// Reads the cells of `block` (in the array's indices) of `file` into `out`. Only rows of the block are read, with what lies between them where that is little.
+    /// Reads the cells of `block` (in the array's indices) of `file` into `out`. Only rows of the
+    /// block are read, with what lies between them where that is little.
     ///
     /// # Errors
     /// A block that is not inside the array, an array that is not inside the file, and whatever

@@ -77,9 +77,9 @@ impl Urgency {
         Self { few: pixel / FEW_PIXELS, ..self }
     }
 
-    /// The urgency of squares that wait until all others are finished.
-    pub(super) fn last(error: f64) -> Self {
-        Self::new(LAST, error)
+    /// The same of squares that wait until all others are finished.
+    pub(super) fn put_off(self) -> Self {
+        Self { group: LAST, few: 0, ..self }
     }
 
     /// Whether the number of a group says that it is these.
@@ -318,23 +318,20 @@ mod tests {
     #[test]
     fn what_is_put_off_comes_last_and_the_least_of_it_makes_room() {
         let mut waiting = Waiting::default();
+        let last = |error| Urgency::new(0, error).put_off();
         let alone = ToDo { alone: true, ..to_do(true) };
         for n in 0..MOST_LAST {
-            assert!(waiting.push(
-                found(n as u16, 1.0),
-                Urgency::last(4f64.powi(n as i32 % 3)),
-                &alone
-            ));
+            assert!(waiting.push(found(n as u16, 1.0), last(4f64.powi(n as i32 % 3)), &alone));
         }
-        assert!(!waiting.push(found(0, 1.0), Urgency::last(64.0), &alone));
+        assert!(!waiting.push(found(0, 1.0), last(64.0), &alone));
         assert!(waiting.push(found(7, 1.0), Urgency::new(9, 1e-9), &alone));
         // None that is put off is taken with others.
         assert!(waiting.pop_like(&alone, |_| true).is_some());
         assert!(waiting.pop_like(&alone, |_| true).is_none());
-        assert!(waiting.pop_less_urgent_last(&Urgency::last(1.0)).is_empty());
-        let least = waiting.pop_less_urgent_last(&Urgency::last(4.0));
+        assert!(waiting.pop_less_urgent_last(&last(1.0)).is_empty());
+        let least = waiting.pop_less_urgent_last(&last(4.0));
         assert!(!least.is_empty() && least.iter().all(|found| found.square.pixel % 3 == 0));
-        assert!(waiting.push(found(1, 1.0), Urgency::last(64.0), &alone));
+        assert!(waiting.push(found(1, 1.0), last(64.0), &alone));
         let (group, first, _) = waiting.pop().unwrap();
         assert!(Urgency::is_last(group) && first.len() == 1);
     }

@@ -119,8 +119,7 @@ impl Sheet {
     /// Puts a square off until all others are finished, in the place of others that matter less should
     /// there be no room; false where there is none.
     fn put_off(&mut self, grid: &PixelGrid, found: &Found, to_do: &ToDo) -> bool {
-        let harm = |uneven: Unevenness| grid.weight(&found.square) * uneven.spread();
-        let urgency = Urgency::last(found.uneven.map_or(f64::INFINITY, harm));
+        let urgency = self.urgency_alone(found, grid.weight(&found.square)).put_off();
         if self.waiting.push(*found, urgency, to_do) {
             return true;
         }
