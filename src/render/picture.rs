@@ -16,7 +16,7 @@ use super::plan::goal::{Method, TileError};
 use super::plan::tree_walk::{FieldIndex, Step, Walk, WalkContext};
 use super::plan::turns::Turns;
 use super::tiles::refine::{Batch, Sheet};
-use super::tiles::tile::{Thinning, Tile};
+use super::tiles::tile::{Settings, Thinning, Tile};
 use super::transfer::pieces::PieceList;
 use crate::cache::Cache;
 use crate::paging::{Pinned, Pool, ReadAhead, Request, run_reader};
@@ -236,7 +236,7 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
         let mut index =
             FieldIndex { cursor: picture.cache.cursor(), field: picture.context.shading.field };
         picture.rays.fetch_add(batch.squares.len() as u64, Ordering::Relaxed);
-        self.tile.start(picture.context.pixels, rect, (&batch.squares, batch.has_area));
+        self.tile.start(picture.context.pixels, rect, &batch.squares, batch.has_area);
         let mut walk = Walk::new(&picture.context, &mut index, (), &batch.cut, rect);
         while !picture.is_stopped() {
             self.look_ahead(&mut walk)?;
@@ -269,9 +269,14 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
             let Picture { pool, context, light, method, .. } = self.picture;
             let brick = self.pins.hold(&step.request, pool, &mut self.scratch)?;
             let drawn = batch.cut.drawn_neighbours(&step.request.place);
-            let settings = (method.keeps_accounts(), batch.care, self.picture.thinning(batch));
-            self.samples[level] +=
-                self.tile.draw(step, brick, drawn, (light, context.pixels), settings);
+            let settings = Settings {
+                light,
+                grid: context.pixels,
+                accounts: method.keeps_accounts(),
+                care: batch.care,
+                thinning: self.picture.thinning(batch),
+            };
+            self.samples[level] += self.tile.draw(step, brick, drawn, settings);
         }
         if step.is_last {
             self.pins.release(level);

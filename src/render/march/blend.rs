@@ -55,7 +55,7 @@ pub(super) fn march_mixed(
         if own.states[own.at(cell.map(|c| c + 1))] & state::VOID == 0 {
             let line = [at(ends[0]), at(ends[1])];
             let length = (ends[1] - ends[0]) * ray.length;
-            LevelBlend::new((brick, drawn), cell, line, length, levels).march(integrator);
+            LevelBlend::new(brick, drawn, cell, line, length, levels).march(integrator);
         }
     }
 }
@@ -86,7 +86,8 @@ impl<'r> LevelBlend<'r> {
     /// The blend of the octant of `cell` that holds the stretch from `line[0]` to `line[1]` (local
     /// cells), `length` code lengths long; in the memory of `levels`.
     fn new(
-        (brick, drawn): (&ScaledBrick, DrawnNeighbours),
+        brick: &ScaledBrick,
+        drawn: DrawnNeighbours,
         cell: [usize; 3],
         line: [[f64; 3]; 2],
         length: f64,

@@ -49,6 +49,22 @@ impl Group {
     }
 }
 
+/// A segment of a ray, and how much of its light reaches the eye.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PathSegment {
+    /// Code length.
+    pub(crate) length: f64,
+    /// Transmittance in front of it, at most.
+    pub(crate) transmittance: f64,
+}
+
+impl PathSegment {
+    /// What `change` makes over it.
+    fn sums(self, change: Change) -> Sums {
+        Sums::of(change, self.length, self.length * self.transmittance)
+    }
+}
+
 /// How far the values of a square's rays are from its centre's: at most; and on average but for
 /// what cancels between opposite ones, where one formula holds for all, and along a stretch.
 #[derive(Debug, Clone, Copy, Default)]
@@ -82,18 +98,20 @@ impl<'a> BrickAccount<'a> {
         self.spread.cells
     }
 
-    /// Adds what rays of the square may see in other cells over a stretch of `length` code
-    /// lengths in which `touching` of it, summed over the cell's faces, is within their reach.
-    pub(crate) fn touch(&mut self, touching: f64, length: f64, transmittance: f64) {
+    /// Adds what rays of the square may see in other cells over a `segment`, of which `touching` code
+    /// lengths, summed over the cell's faces, are within their reach.
+    pub(crate) fn touch(&mut self, touching: f64, segment: PathSegment) {
+        let length = segment.length;
         let group = self.group();
         let span = group.span;
         let change = span.variation.plus(span.jumps).max(group.border());
         let reached = touching.min(length);
-        let sums = Sums::of(change, reached, reached * transmittance);
+        let sums = PathSegment { length: reached, ..segment }.sums(change);
         self.error.farthest = self.error.farthest.plus(sums);
         // The far side of a face takes at most half of the square.
         let mean = (0.5 * touching).min(length);
-        self.error.uneven = self.error.uneven.plus(Sums::of(change, mean, mean * transmittance));
+        let sums = PathSegment { length: mean, ..segment }.sums(change);
+        self.error.uneven = self.error.uneven.plus(sums);
     }
 
     /// The next stretch lies in the dual cell (or cell) `cell`.
@@ -209,13 +227,13 @@ impl<'a> BrickAccount<'a> {
         self.error.uneven = self.error.uneven.plus(cancelled);
     }
 
-    /// Adds what rays of the square may meet in the brick, over `length` code lengths with
-    /// transmittance at most `transmittance`, where this one is outside, beside what `group`
-    /// holds: `share` of the square, at most half of it, since brick and square are convex.
+    /// Adds what rays of the square may meet in the brick, over a `segment` where this one is
+    /// outside, beside what `group` holds: `share` of the square, at most half of it, since brick
+    /// and square are convex.
     pub(crate) fn beside(
         &mut self,
         group: &Group,
-        (length, transmittance): (f64, f64),
+        segment: PathSegment,
         share: f64,
         end: DomainEnd,
     ) {
@@ -229,26 +247,20 @@ impl<'a> BrickAccount<'a> {
         if end == DomainEnd::Edge || group.has_void {
             change = change.max(most);
         } else if end == DomainEnd::Face {
-            return self.add_face(group, change.times(2.0), (length, transmittance), share);
+            return self.add_face(group, change.times(2.0), segment, share);
         }
-        self.add_part(change, length, transmittance, share);
+        self.add_part(change, segment, share);
     }
 
     /// Where the domain ends at one plane, what opposite rays of the square meet more and less of
     /// it is the same but for how values `change` along the way, and for the bend of the sphere on
     /// which distances from the eye are equal.
-    fn add_face(
-        &mut self,
-        group: &Group,
-        change: Change,
-        (length, transmittance): (f64, f64),
-        share: f64,
-    ) {
+    fn add_face(&mut self, group: &Group, change: Change, segment: PathSegment, share: f64) {
         let most = group.span.most;
         let uneven = change.plus(most.times(2.0 * self.spread.angle)).min(most);
-        let farthest = Sums::of(change.max(most), length, length * transmittance);
+        let farthest = segment.sums(change.max(most));
         self.error.farthest = self.error.farthest.plus(farthest.times((2.0 * share).max(1.0)));
-        let uneven = Sums::of(uneven, length, length * transmittance);
+        let uneven = segment.sums(uneven);
         self.error.uneven = self.error.uneven.plus(uneven.times(share));
     }
 
@@ -256,7 +268,7 @@ impl<'a> BrickAccount<'a> {
     pub(crate) fn domain_ends(
         &mut self,
         group: &Group,
-        (length, transmittance): (f64, f64),
+        segment: PathSegment,
         share: f64,
         end: DomainEnd,
     ) {
@@ -264,16 +276,16 @@ impl<'a> BrickAccount<'a> {
             let over = (0..3).map(|a| group.slope[a] * self.spread.cells[a]).sum::<f64>();
             let Span { slope, variation, jumps, .. } = group.span;
             let change = slope.times(over).min(variation).plus(jumps);
-            self.add_face(group, change.times(2.0), (length, transmittance), share);
+            self.add_face(group, change.times(2.0), segment, share);
         } else {
-            self.add_part(group.span.most, length, transmittance, share);
+            self.add_part(group.span.most, segment, share);
         }
     }
 
     /// Adds what of the distances from the eye at which the square's rays meet a face where the domain
-    /// ends does not cancel: `length` on average.
-    pub(crate) fn bend_at_face(&mut self, group: &Group, length: f64, transmittance: f64) {
-        let sums = Sums::of(group.span.most, length, length * transmittance);
+    /// ends does not cancel: a `segment` on average.
+    pub(crate) fn bend_at_face(&mut self, group: &Group, segment: PathSegment) {
+        let sums = segment.sums(group.span.most);
         self.error.uneven = self.error.uneven.plus(sums);
     }
 
@@ -288,8 +300,8 @@ impl<'a> BrickAccount<'a> {
     }
 
     /// `share` of the square differs by `change`.
-    fn add_part(&mut self, change: Change, length: f64, transmittance: f64, share: f64) {
-        let sums = Sums::of(change, length, length * transmittance);
+    fn add_part(&mut self, change: Change, segment: PathSegment, share: f64) {
+        let sums = segment.sums(change);
         // Half of the farthest counts as average.
         self.error.farthest = self.error.farthest.plus(sums.times((2.0 * share).max(1.0)));
         self.error.uneven = self.error.uneven.plus(sums.times(share));

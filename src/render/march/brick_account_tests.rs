@@ -59,9 +59,11 @@ impl<'s> Stage<'s> {
     /// One brick, as if the domain ended at its faces; or all of a domain with one level.
     fn new(
         data: &TestData,
-        (level, bricks): (u32, &[[i128; 3]]),
+        level: u32,
+        bricks: &[[i128; 3]],
         scene: &Scene,
-        (function, transfer): (&TransferFunction, &'s TransferPieces),
+        function: &TransferFunction,
+        transfer: &'s TransferPieces,
         interpolation: Interpolation,
     ) -> Self {
         let view = View::new(scene, &data.domain).unwrap();
@@ -118,11 +120,14 @@ impl<'s> Stage<'s> {
                 let ray = frame.ray(plane);
                 let covered = self.grid.covered(&footprint) / self.grid.weight(square);
                 let beam = beam(&frame, &ray, half, covered);
-                let cells = (frame.cell_width.length(), Care::Rough);
-                if way == Way::InPackets && packets.enter(&passage, light, cells, true) {
+                let diagonal = frame.cell_width.length();
+                if way == Way::InPackets
+                    && packets.enter(&passage, light, diagonal, Care::Rough, true)
+                {
                     let mut film = Rays { states: &mut states, errors: &mut errors };
-                    let rays = (&[TileRay { index: 0, ray }][..], Accounts::Squares(&[beam]));
-                    packets.march(&passage, light, rays, &mut film);
+                    let (rays, beams) = ([TileRay { index: 0, ray }], [beam]);
+                    let accounts = Accounts::Squares(&beams);
+                    packets.march(&passage, light, &rays, accounts, &mut film);
                 } else {
                     march(&passage, &ray, light, &mut states[0], Some((&mut errors[0], &beam)));
                 }
@@ -147,7 +152,8 @@ impl<'s> Stage<'s> {
             }
         }
         for way in [Way::Alone, Way::InPackets] {
-            self.compare(self.gather(square, way), &mean, &others)?;
+            let (state, error) = self.gather(square, way);
+            self.compare(&state, &error, &mean, &others)?;
         }
         Ok(())
     }
@@ -155,11 +161,12 @@ impl<'s> Stage<'s> {
     /// Compares the square's centre with other rays of it, channel by channel, and with their mean.
     fn compare(
         &self,
-        (state, error): (RayState, RayError),
+        state: &RayState,
+        error: &RayError,
         mean: &[f64; 4],
         others: &[f64],
     ) -> Result<(), TestCaseError> {
-        let (centre, brightest) = (channels(&state), self.brightest);
+        let (centre, brightest) = (channels(state), self.brightest);
         let (light, opacity) = (state.radiance, state.opacity());
         // Of light, and of opacity, whose own light is never brighter than 1.
         let farthest = error.off_by(light, brightest).max(error.farthest.dimmed);
@@ -249,8 +256,7 @@ proptest! {
         let scene = camera(target, off, fov, flat);
         let function = media(medium);
         let transfer = TransferPieces::new(&function, |_| 0.0);
-        let media = (&function, &transfer);
-        let stage = Stage::new(&data, (level, &[at]), &scene, media, interpolation);
+        let stage = Stage::new(&data, level, &[at], &scene, &function, &transfer, interpolation);
         for square in squares {
             stage.check(&square)?;
         }
@@ -271,8 +277,7 @@ proptest! {
         let scene = camera([1.0, 0.5, 1.5], off, fov, None);
         let function = media(medium);
         let transfer = TransferPieces::new(&function, |_| 0.0);
-        let media = (&function, &transfer);
-        let stage = Stage::new(&data, (0, &bricks), &scene, media, interpolation);
+        let stage = Stage::new(&data, 0, &bricks, &scene, &function, &transfer, interpolation);
         for square in squares {
             stage.check(&square)?;
         }

@@ -1,7 +1,7 @@
 //! `cell`: the value is constant in each cell, so every stretch has a closed form.
 
 use super::absorb::Integrator;
-use super::brick_account::BrickAccount;
+use super::brick_account::{BrickAccount, PathSegment};
 use super::ray::CellRange;
 use crate::render::bounds::touch::Touch;
 use crate::render::brick::blocks::ScaledBlock;
@@ -58,7 +58,7 @@ fn march_accounted(
         if account.is_spread() {
             let touching = Touch::new(ray, &step, 0.0, account.spread()).faces() * length;
             let transmittance = integrator.state.transmittance;
-            account.touch(touching, length, transmittance);
+            account.touch(touching, PathSegment { length, transmittance });
         }
         add(integrator, block.values[block.at(step.cell.map(|c| c as usize + 1))], length);
     }

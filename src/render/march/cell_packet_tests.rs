@@ -111,7 +111,7 @@ proptest! {
         let function = function(number);
         let exact = TransferPieces::new(&function, |_| 0.0);
         let brick = brick(BRICKS[place], void, &exact, truth());
-        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&function, 1e-3));
+        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &function, 1e-3);
         let found = setting.together(&rays, Width::best(), Care::Rough);
         prop_assert!(found.is_fit);
         setting.check(&rays, &found)?;
@@ -128,7 +128,7 @@ proptest! {
         let function = function(number);
         let exact = TransferPieces::new(&function, |_| 0.0);
         let brick = brick(BRICKS[2], None, &exact, truth());
-        let mut setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&function, 1e-3));
+        let mut setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &function, 1e-3);
         (setting.passage.region.lo, setting.passage.region.hi) = (lo, hi);
         let found = setting.together(&rays, Width::best(), Care::Rough);
         setting.check(&rays, &found)?;
@@ -139,7 +139,7 @@ proptest! {
         let function = function(number);
         let exact = TransferPieces::new(&function, |_| 0.0);
         let brick = brick(BRICKS[place], Some(3), &exact, truth());
-        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&function, 1e-3));
+        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &function, 1e-3);
         let expected = setting.together(&rays, Width::Portable, Care::Rough);
         for width in Width::all() {
             let found = setting.together(&rays, width, Care::Rough);
@@ -178,7 +178,7 @@ fn bounds_are_small() {
         let exact = TransferPieces::new(&function, |_| 0.0);
         let brightest = exact.brightest().min(LONGEST * exact.largest_emission());
         let brick = brick(BRICKS[2], None, &exact, truth());
-        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&function, 1e-3));
+        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &function, 1e-3);
         let found = setting.together(&rays, Width::best(), Care::Rough);
         let [off, _] = setting.check(&rays, &found).unwrap();
         assert!(off > 1e-9, "{off:e}");
@@ -211,8 +211,8 @@ fn other_causes_are_accounted_for() {
         let brick = brick(BRICKS[2], None, &exact, far);
         // Where nothing is little, storage is known group by group.
         for allowed in [1e-9, 1e9] {
-            let transfer = (&function, allowed);
-            let mut setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, transfer);
+            let mut setting =
+                Setting::new(&brick, DrawnNeighbours::ALL, &exact, &function, allowed);
             setting.passage.hides = true;
             let found = setting.together(&rays, Width::best(), Care::Rough);
             assert!(found.is_fit);
@@ -242,7 +242,7 @@ fn values_at_steps_are_left_to_single_rays() {
         let function = transfer(&[(x, 0.0), (x, 2.0)], &[(0.0, 1.0)]);
         let exact = TransferPieces::new(&function, |_| 0.0);
         let brick = brick((2, [2, 1, 2]), None, &exact, truth());
-        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&function, 1.0));
+        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &function, 1.0);
         setting.together(&usual(4), Width::best(), Care::Rough).is_fit
     };
     assert!(!near(value) && near(value + 1e-9));

@@ -13,6 +13,17 @@ use crate::render::brick::scaled::{ScaledBrick, dual};
 use crate::render::brick::walk::{Step, Walk};
 use crate::render::camera::frame::LocalRay;
 
+/// The dual cells of a brick that a ray walks through.
+#[derive(Clone, Copy)]
+pub(super) struct DualCells<'b> {
+    /// The brick.
+    pub(super) brick: &'b ScaledBrick,
+    /// Which of its neighbours are drawn.
+    pub(super) drawn: DrawnNeighbours,
+    /// Which dual cells these are.
+    pub(super) range: &'b CellRange,
+}
+
 /// Marches a ray through the stretch `span` of σ, from dual cell to dual cell.
 pub(super) fn march_linear(
     &Passage { brick, drawn, .. }: &Passage<'_>,
@@ -24,28 +35,30 @@ pub(super) fn march_linear(
 ) {
     let range = CellRange::of(region, DUAL_SHIFT);
     let mut walk = Walk::new(ray, span, DUAL_SHIFT, range.lo, range.hi);
+    let cells = DualCells { brick, drawn, range: &range };
     let mut levels = Vec::new();
     while let Some(step) = walk.next() {
         if integrator.is_faded() {
             break;
         }
-        pass_dual_cell((brick, drawn, &range), ray, &step, &mut levels, integrator, account);
+        pass_dual_cell(cells, ray, &step, &mut levels, integrator, account);
     }
     if let Some(account) = account {
         account.close(integrator);
     }
 }
 
-/// The way through one dual cell, of those in `range`.
+/// The way through one of the dual cells.
 #[inline]
 pub(super) fn pass_dual_cell(
-    (brick, drawn, range): (&ScaledBrick, DrawnNeighbours, &CellRange),
+    cells: DualCells<'_>,
     ray: &LocalRay,
     step: &Step,
     levels: &mut Vec<BlendLevel>,
     integrator: &mut Integrator<'_>,
     account: &mut Option<BrickAccount<'_>>,
 ) {
+    let DualCells { brick, drawn, .. } = cells;
     let kind = kind(brick, step.cell, drawn);
     if let Some(account) = account {
         account.enter(step.cell, integrator);
@@ -62,7 +75,7 @@ pub(super) fn pass_dual_cell(
         let (touching, beyond) = if account.is_wide() {
             (1.0, [0.0; 3])
         } else {
-            (touching(&touch, (brick, range), step, kind), beyond(&touch))
+            (touching(&touch, cells, step, kind), beyond(&touch))
         };
         account.leave(touching, beyond, integrator);
     }
@@ -73,7 +86,7 @@ pub(super) fn pass_dual_cell(
 #[inline]
 fn touching(
     touch: &Touch,
-    (brick, range): (&ScaledBrick, &CellRange),
+    DualCells { brick, range, .. }: DualCells<'_>,
     step: &Step,
     kind: u8,
 ) -> f64 {

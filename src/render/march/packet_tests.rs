@@ -56,7 +56,8 @@ impl<'s> Setting<'s> {
         brick: &'s ScaledBrick,
         drawn: DrawnNeighbours,
         exact: &'s TransferPieces,
-        (transfer, allowed): (&TransferFunction, f64),
+        transfer: &TransferFunction,
+        allowed: f64,
     ) -> Self {
         let close = TransferPieces::new(transfer, |_| 0.01 * allowed / LONGEST);
         let table = TransferTable::new(&exact.all, &close.merged);
@@ -93,14 +94,13 @@ impl<'s> Setting<'s> {
         let mut errors = vec![RayError::default(); rays.len()];
         let (diagonal, has_squares) =
             (3.0_f64.sqrt() * WIDTH, matches!(accounts, Accounts::Squares(_)));
-        let is_fit = packets.enter(&self.passage, &self.light, (diagonal, care), has_squares);
+        let is_fit = packets.enter(&self.passage, &self.light, diagonal, care, has_squares);
         let mut samples = 0;
         if is_fit {
             let mut film = Rays { states: &mut states, errors: &mut errors };
             let tile_ray = |(index, &ray)| TileRay { index, ray };
             let rays: Vec<_> = rays.iter().enumerate().map(tile_ray).collect();
-            let rays = (&rays[..], accounts);
-            samples += packets.march(&self.passage, &self.light, rays, &mut film);
+            samples += packets.march(&self.passage, &self.light, &rays, accounts, &mut film);
         }
         Found { states, errors, samples, is_fit }
     }
@@ -174,7 +174,7 @@ proptest! {
         let function = function(number);
         let exact = TransferPieces::new(&function, |_| 0.0);
         let brick = surveyed(&data, (level, at), &exact);
-        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&function, allowed));
+        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &function, allowed);
         for care in [Care::Rough, Care::Fine, Care::Finest] {
             let found = setting.together(&rays, Width::best(), care);
             if found.is_fit {
@@ -190,7 +190,7 @@ proptest! {
         let (level, at) = BRICKS[place];
         let exact = TransferPieces::new(&glowing(), |_| 0.0);
         let brick = surveyed(&data, (level, at), &exact);
-        let setting = Setting::new(&brick, cut.drawn(level, at), &exact, (&glowing(), 1.0));
+        let setting = Setting::new(&brick, cut.drawn(level, at), &exact, &glowing(), 1.0);
         let found = setting.together(&rays, Width::best(), Care::Rough);
         prop_assert!(found.is_fit);
         setting.check(&rays, &found)?;
@@ -204,7 +204,7 @@ proptest! {
     ) {
         let exact = TransferPieces::new(&smooth(), |_| 0.0);
         let brick = surveyed(&TestData::new(rough), BRICKS[2], &exact);
-        let mut setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&smooth(), 1.0));
+        let mut setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &smooth(), 1.0);
         let faces = if upper { [0.0, 3.5] } else { [4.5, f64::from(EDGE)] };
         (setting.passage.region.lo, setting.passage.region.hi) = ([faces[0]; 3], [faces[1]; 3]);
         let rays = rays.concat();
@@ -230,7 +230,7 @@ proptest! {
         let exact = TransferPieces::new(&function, |_| 0.0);
         let (level, at) = UNTIDY_BRICKS[place];
         let brick = surveyed(&data, (level, at), &exact);
-        let mut setting = Setting::new(&brick, cut.drawn(level, at), &exact, (&function, 1.0));
+        let mut setting = Setting::new(&brick, cut.drawn(level, at), &exact, &function, 1.0);
         setting.passage.hides = hides;
         let beam = Beam {
             spread: [width.unwrap_or(0.0); 3],
@@ -261,7 +261,7 @@ proptest! {
         let data = TestData::new(rough);
         let exact = TransferPieces::new(&smooth(), |_| 0.0);
         let brick = surveyed(&data, BRICKS[place], &exact);
-        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&smooth(), 1.0));
+        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &smooth(), 1.0);
         let expected = setting.together(&rays, Width::Portable, Care::Rough);
         for width in Width::all() {
             let found = setting.together(&rays, width, Care::Rough);
@@ -291,7 +291,7 @@ fn more_care_means_a_smaller_bound_and_packets_do_pass() {
     for (place, is_rough) in BRICKS.into_iter().flat_map(|place| [(place, true), (place, false)]) {
         let data = TestData::new(if is_rough { rough } else { linear });
         let brick = surveyed(&data, place, &exact);
-        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&smooth(), 1.0));
+        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &smooth(), 1.0);
         let [once, four, most] = [Care::Rough, Care::Fine, Care::Finest].map(|care| {
             let found = setting.together(&rays, Width::best(), care);
             assert!(found.is_fit && found.samples > 0);
@@ -312,10 +312,10 @@ fn depths_beyond_f32_are_left_to_single_rays() {
     let function = transfer(&points, &[(0.0, 0.0), (1.0, 1.0)]);
     let exact = TransferPieces::new(&function, |_| 0.0);
     let brick = surveyed(&TestData::new(|_, _| 0.25), BRICKS[2], &exact);
-    let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&function, 1.0));
+    let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &function, 1.0);
     let mut packets = Packets::new();
     // Nothing absorbs at the values that are met, so that the table alone decides.
     let mut enter =
-        |width: f64| packets.enter(&setting.passage, &setting.light, (width, Care::Rough), false);
+        |width: f64| packets.enter(&setting.passage, &setting.light, width, Care::Rough, false);
     assert!(enter(1.0) && !enter(100.0));
 }

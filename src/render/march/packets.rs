@@ -27,7 +27,6 @@ const THICKEST: f64 = 1e30;
 /// to brick.
 #[derive(Debug)]
 pub(crate) struct Packets {
-    width: Width,
     tables: Tables,
     ray_packet: RayPacket,
 }
@@ -140,7 +139,7 @@ impl Packets {
 
     /// A packet of lanes of this kind.
     pub(super) fn of(width: Width) -> Self {
-        Self { width, tables: Tables::default(), ray_packet: RayPacket::new() }
+        Self { tables: Tables::default(), ray_packet: RayPacket::new(width) }
     }
 
     /// Looks at a brick whose cells measure `diagonal` code lengths from corner to corner, for rays
@@ -149,7 +148,8 @@ impl Packets {
         &mut self,
         passage: &Passage<'_>,
         light: &Light<'_>,
-        (diagonal, care): (f64, Care),
+        diagonal: f64,
+        care: Care,
         has_squares: bool,
     ) -> bool {
         let Passage { brick, drawn, .. } = *passage;
@@ -197,11 +197,12 @@ impl Packets {
         &mut self,
         passage: &Passage<'_>,
         light: &Light<'_>,
-        (rays, accounts): (&[TileRay], Accounts<'_>),
+        rays: &[TileRay],
+        accounts: Accounts<'_>,
         film: &mut Rays<'_>,
     ) -> u64 {
         let Some(transfer) = &light.packets else { return 0 };
-        let Self { width, tables, ray_packet } = self;
+        let Self { tables, ray_packet } = self;
         let grades = &mut tables.grades;
         let region = passage.inside();
         let shift = if passage.brick.is_piecewise_constant() { 0.0 } else { DUAL_SHIFT };
@@ -216,12 +217,12 @@ impl Packets {
         }
         let brick = tables.brick(&place, accounts);
         let all_plain = brick.kinds.is_empty() && tables.grades.fit == brick.rates.len();
-        let brick = (&brick, *width, all_plain);
+        let count = ray_packet.lane_count();
         let mut samples = 0;
-        for first in (0..rays.len()).step_by(width.count()) {
-            let some = first..(first + width.count()).min(rays.len());
-            let some = (&rays[some.clone()], accounts.among(some));
-            samples += ray_packet.travel(&place, brick, some, film);
+        for first in (0..rays.len()).step_by(count) {
+            let some = first..(first + count).min(rays.len());
+            let (rays, accounts) = (&rays[some.clone()], accounts.among(some));
+            samples += ray_packet.travel(&place, &brick, all_plain, rays, accounts, film);
         }
         samples
     }

@@ -1,7 +1,7 @@
 //! One ray through one brick.
 
 use super::absorb::Integrator;
-use super::brick_account::{BrickAccount, DomainEnd};
+use super::brick_account::{BrickAccount, DomainEnd, PathSegment};
 use super::cell::march_cells;
 use super::linear::march_linear;
 use super::ray_state::{Ending, RayState};
@@ -89,22 +89,23 @@ pub(crate) fn march(
     let span = clip(ray, region.lo, region.hi);
     let Some((error, beam)) = account.filter(|_| !passage.brick.relief.is_empty()) else {
         let account = &mut None;
-        return span.map_or(0, |span| march_through(passage, (ray, span), light, state, account));
+        return span.map_or(0, |span| march_through(passage, ray, span, light, state, account));
     };
     let before = *error;
-    let spread = arrive(passage, ray, (&region, span), beam, (state, error));
+    let spread = arrive(passage, ray, &region, span, beam, state, error);
     let mut count = 0;
     if let Some(span) = span {
         let account = BrickAccount::new(&passage.brick.relief, error, passage.hides, spread);
-        count = march_through(passage, (ray, span), light, state, &mut Some(account));
+        count = march_through(passage, ray, span, light, state, &mut Some(account));
     }
-    leave(span, beam, state, (error, &before));
+    leave(span, beam, state, error, &before);
     count
 }
 
 fn march_through(
     passage: &Passage<'_>,
-    (ray, span): (&LocalRay, (f64, f64)),
+    ray: &LocalRay,
+    span: (f64, f64),
     light: &Light<'_>,
     state: &mut RayState,
     account: &mut Option<BrickAccount<'_>>,
@@ -124,11 +125,13 @@ fn march_through(
 pub(super) fn arrive(
     passage: &Passage<'_>,
     ray: &LocalRay,
-    (region, span): (&Region, Option<(f64, f64)>),
+    region: &Region,
+    span: Option<(f64, f64)>,
     beam: &Beam,
-    (state, error): (&RayState, &mut RayError),
+    state: &RayState,
+    error: &mut RayError,
 ) -> Spread {
-    let spread = spread_of(ray, (region, span), beam);
+    let spread = spread_of(ray, region, span, beam);
     if !beam.is_square() {
         return spread;
     }
@@ -140,7 +143,8 @@ pub(super) fn arrive(
 /// How far the rays of a square are from `ray` at most, in a brick of which it meets `span` or nothing.
 pub(crate) fn spread_of(
     ray: &LocalRay,
-    (region, span): (&Region, Option<(f64, f64)>),
+    region: &Region,
+    span: Option<(f64, f64)>,
     beam: &Beam,
 ) -> Spread {
     let depth = if beam.is_square() && ray.sigma_min.is_finite() {
@@ -157,7 +161,8 @@ pub(super) fn leave(
     span: Option<(f64, f64)>,
     beam: &Beam,
     state: &mut RayState,
-    (error, before): (&mut RayError, &RayError),
+    error: &mut RayError,
+    before: &RayError,
 ) {
     if let Some((_, to)) = span {
         state.mark(beam.depth + to + rounding(beam.depth, to));
@@ -238,14 +243,16 @@ fn look_beside(
         let ways = [(wide.0, from, kept.0), (kept.1, to, wide.1)];
         for ((first, face, last), end) in ways.into_iter().zip(&mut domain_ends) {
             let way = (face - first).max(last - face);
-            *end = cross_face(account, ray, (beam, before(face)), (way, face), *end);
+            let crossing = FaceCrossing { sigma: face, way, transmittance: before(face) };
+            *end = cross_face(account, ray, beam, crossing, *end);
         }
     }
     for (ends, end) in [(wide.0, from), (to, wide.1)].into_iter().zip(domain_ends) {
         each_part(ray, region, ends, |point, (from, to), half| {
             let group = account.group_near(point, half);
-            let part = (counted * (to - from) * ray.length, before(from));
-            account.beside(&group, part, share, end);
+            let length = counted * (to - from) * ray.length;
+            let segment = PathSegment { length, transmittance: before(from) };
+            account.beside(&group, segment, share, end);
         });
     }
     if region.ends == 0 || span.is_none() {
@@ -255,7 +262,9 @@ fn look_beside(
     for (ends, end) in [(from, kept.0), (kept.1, to)].into_iter().zip(domain_ends) {
         each_part(ray, region, ends, |point, (from, to), half| {
             let group = account.group_near(point, half);
-            account.domain_ends(&group, ((to - from) * ray.length, before(from)), share, end);
+            let length = (to - from) * ray.length;
+            let segment = PathSegment { length, transmittance: before(from) };
+            account.domain_ends(&group, segment, share, end);
         });
     }
 }
@@ -264,9 +273,17 @@ fn look_beside(
 /// before or after its centre's.
 const MOST_SLANT: f64 = 0.5;
 
-/// Where the domain ends at one face, at σ = `face` of the ray, distances from the eye to it differ by up
-/// to `way` within the square: adds what of them does not cancel. Returns how the domain ends: at an
-/// edge, where they differ too much.
+/// Where a ray crosses a face at which the domain ends.
+struct FaceCrossing {
+    sigma: f64,
+    /// By how much σ differs there within the square, at most.
+    way: f64,
+    /// Transmittance in front of it, at most.
+    transmittance: f64,
+}
+
+/// Where the domain ends at one face, distances from the eye to it differ within the square: adds what
+/// of them does not cancel. Returns how the domain ends: at an edge, where they differ too much.
 ///
 /// The distance to a plane along a unit vector u is h/(u·n). Where it is s for the centre's, and η the
 /// largest relative change of u·n in first order, its mean is s but for (α²/6 + α·η/3 + η²/3(1 − η))·s,
@@ -274,11 +291,11 @@ const MOST_SLANT: f64 = 0.5;
 fn cross_face(
     account: &mut BrickAccount<'_>,
     ray: &LocalRay,
-    (beam, transmittance): (&Beam, f64),
-    (way, face): (f64, f64),
+    beam: &Beam,
+    FaceCrossing { sigma, way, transmittance }: FaceCrossing,
     end: DomainEnd,
 ) -> DomainEnd {
-    let distance = beam.depth + face;
+    let distance = beam.depth + sigma;
     if end != DomainEnd::Face || beam.angle == 0.0 {
         return end;
     }
@@ -288,8 +305,9 @@ fn cross_face(
     }
     let bend = 0.25 * beam.angle * beam.angle + slant * slant / (3.0 * (1.0 - slant));
     let half = way * ray.direction.abs().max_element();
-    let group = account.group_near((ray.origin + ray.direction * face).into(), half);
-    account.bend_at_face(&group, bend * distance * ray.length, transmittance);
+    let group = account.group_near((ray.origin + ray.direction * sigma).into(), half);
+    let length = bend * distance * ray.length;
+    account.bend_at_face(&group, PathSegment { length, transmittance });
     end
 }
 

@@ -227,6 +227,15 @@ fn add(sum: &mut [f64; 4], value: &[f64; 4], weight: f64) {
     sum.iter_mut().zip(value).for_each(|(sum, value)| *sum += weight * value);
 }
 
+/// What is known at a square's left, right, upper and lower side.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SquareSides {
+    /// By how much its ray differs from the first ray of the pixel beside its own.
+    pub(super) beyond: [f64; 4],
+    /// Which sides are its pixel's.
+    pub(super) own: [bool; 4],
+}
+
 /// What the centres of a square and its quarters tell of each quarter.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Unevenness {
@@ -321,17 +330,15 @@ impl Unevenness {
         }
     }
 
-    /// The unevenness of the `n`-th of these quarters alone, beyond whose ray values change by
-    /// `beyond` to those of the pixels at the left, at the right, above and below, which sides are its
-    /// pixel's `own`. At these it keeps the edges that are known there, at others of the square a part of
-    /// them, but for what its ray lies behind already; at
-    /// its inner sides there may be what its rays differ by from the others', as far as that is not
-    /// smooth.
+    /// The unevenness of the `n`-th of these quarters alone, at whose sides so much is known. At those
+    /// that are its pixel's own it keeps the edges that are known there, at others of the square a part
+    /// of them, but for what its ray lies behind already; at its inner sides there may be what its rays
+    /// differ by from the others', as far as that is not smooth.
     pub(super) fn of_quarter(
         &self,
         n: usize,
         quarters: [&[f64; 4]; 4],
-        (beyond, own): ([f64; 4], [bool; 4]),
+        SquareSides { beyond, own }: SquareSides,
     ) -> Self {
         let edges = std::array::from_fn(|side| {
             let axis = side / 2;

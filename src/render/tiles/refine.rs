@@ -154,7 +154,7 @@ impl Sheet {
                 self.add_wholes(grid, &mut wholes, &to_do);
                 Chosen { again: Vec::new(), wholes }
             } else {
-                self.settle(grid, (group, &found), !to_do.quartered);
+                self.settle(grid, group, &found, !to_do.quartered);
                 self.still_bad(grid, group, &found, &to_do)
             };
             let mut squares: Vec<_> = again.iter().map(|found| found.square).collect();
@@ -266,7 +266,7 @@ impl Sheet {
         let scouts = self.group.and_then(|group| group.scouts);
         match scouts.filter(|_| !batch.wholes.is_empty()) {
             _ if alone => self.judge_quarters(grid, batch, &outcome, &mut next),
-            Some(median) => self.judge_scouts(grid, (batch, median), &outcome, &mut next),
+            Some(median) => self.judge_scouts(grid, batch, median, &outcome, &mut next),
             None => {
                 self.compare(grid, batch, &outcome);
                 self.judge_squares(grid, batch, &outcome, &mut next);

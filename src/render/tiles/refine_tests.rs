@@ -149,7 +149,8 @@ fn rim(width: u64, height: u64) -> u64 {
 
 /// Rays of what `light` says at each place, which may be off by `bound` as squares.
 fn draw_light(
-    ([width, height], goal): ([u32; 2], Goal),
+    [width, height]: [u32; 2],
+    goal: Goal,
     light: impl Fn([f64; 2]) -> f64,
     bound: impl Fn(&Square) -> f64,
     check: impl Fn(usize, usize, &Pixel),
@@ -192,7 +193,7 @@ fn where_no_bound_will_do_pixels_are_within_the_tolerance_all_the_same() {
         rows.sum::<f64>() / 65536.0
     };
     let bound = |_: &Square| 1e4 * TOLERANCE;
-    let (rays, error) = draw_light(([9, 7], likely(true)), light, bound, |x, y, pixel| {
+    let (rays, error) = draw_light([9, 7], likely(true), light, bound, |x, y, pixel| {
         let off = (pixel.value[0] - mean(x, y)).abs();
         assert!(off <= TOLERANCE, "{off} at {x}, {y}");
         assert!(off <= pixel.estimate() && pixel.estimate() <= TOLERANCE, "{}", pixel.estimate());
@@ -204,12 +205,12 @@ fn where_no_bound_will_do_pixels_are_within_the_tolerance_all_the_same() {
     assert!(error.estimate <= TOLERANCE && error.shares.total() > TOLERANCE);
     assert!(rays < 63 * 352, "{rays}");
     // What is even takes but a few.
-    let (rays, _) = draw_light(([9, 7], likely(true)), |_| 0.5, bound, |_, _, _| {});
+    let (rays, _) = draw_light([9, 7], likely(true), |_| 0.5, bound, |_, _, _| {});
     assert!(rays <= 63 * 21 + rim(9, 7), "{rays}");
     // So it does where bounds fell at first: that squares are even is known by then.
     let falls =
         |square: &Square| 60.0 * TOLERANCE * 4.6f64.powi(-i32::from(square.halvings.min(2)));
-    let (rays, error) = draw_light(([9, 7], likely(true)), |_| 0.5, falls, |_, _, _| {});
+    let (rays, error) = draw_light([9, 7], likely(true), |_| 0.5, falls, |_, _, _| {});
     assert!(error.estimate <= TOLERANCE && error.shares.total() > TOLERANCE);
     assert!((63 * 21..63 * 90).contains(&rays), "{rays}");
 }
@@ -233,15 +234,14 @@ fn pixels_that_their_neighbours_foretell_take_one_ray() {
         let rows = (0..64).map(|k| (0..64).map(|j| light([at(x, j), at(y, k)])).sum::<f64>());
         rows.sum::<f64>() / 4096.0
     };
-    let (rays, error) = draw_light(([64, 16], likely(false)), light, hopeless, |x, y, pixel| {
+    let (rays, error) = draw_light([64, 16], likely(false), light, hopeless, |x, y, pixel| {
         let off = (pixel.value[0] - mean(x, y)).abs();
         assert!(off <= TOLERANCE && off <= 1.1 * pixel.estimate() + 1e-9, "{off} at {x}, {y}");
     });
     assert!(error.estimate <= TOLERANCE && error.shares.total() > TOLERANCE);
     // One for each, four more for a witness in sixteen, and some for the bump.
     assert!((1024 + 256 + rim(64, 16)..6 * 1024).contains(&rays), "{rays}");
-    let (rays, _) =
-        draw_light(([64, 16], likely(false)), |[x, _]| 0.01 * x, hopeless, |_, _, _| {});
+    let (rays, _) = draw_light([64, 16], likely(false), |[x, _]| 0.01 * x, hopeless, |_, _, _| {});
     assert_eq!(rays, 1024 + 256 + rim(64, 16));
 }
 
@@ -264,7 +264,7 @@ fn edges_along_the_outer_sides_of_a_tile_are_seen() {
         };
         let goal = Goal { tolerance: 0.02, ..likely(false) };
         let bound = |_: &Square| 1.0;
-        draw_light((size, goal), light, bound, |x, y, pixel| {
+        draw_light(size, goal, light, bound, |x, y, pixel| {
             let off = (pixel.value[0] - mean(x, y)).abs();
             // These rays are at squares' centres, beside an edge all alike.
             assert!(off <= 2.0 * goal.tolerance, "{off} at {x}, {y} of {size:?}");
@@ -276,7 +276,7 @@ fn edges_along_the_outer_sides_of_a_tile_are_seen() {
 fn neighbours_are_not_asked_where_more_may_shine_than_is_known_of() {
     let unknown = |_: &Square| 9.0;
     let light = |[x, _]: [f64; 2]| 0.01 * x;
-    let (rays, _) = draw_light(([64, 16], likely(false)), light, unknown, |_, _, _| {});
+    let (rays, _) = draw_light([64, 16], likely(false), light, unknown, |_, _, _| {});
     assert!(rays >= 5 * 1024, "{rays}");
 }
 
@@ -288,7 +288,7 @@ fn pixels_of_small_pictures_take_more_rays_whatever_these_tell() {
     let light =
         |at: [f64; 2]| f64::from(u8::from(lights.iter().any(|light_of| is_in(at, *light_of))));
     let goal = Goal { least_halvings: 3, ..likely(false) };
-    let (rays, _) = draw_light(([9, 7], goal), light, hopeless, |x, y, pixel| {
+    let (rays, _) = draw_light([9, 7], goal, light, hopeless, |x, y, pixel| {
         let is_here = |light_of: &[f64; 2]| light_of.map(|c| c as usize) == [x, y];
         let mean = if lights.iter().any(is_here) { 0.14 * 0.14 } else { 0.0 };
         let off = (pixel.value[0] - mean).abs();
@@ -303,14 +303,14 @@ fn tips_in_dark_pixels_are_seen() {
     let is_in = |x: f64, y: f64| x > 0.0 && y > 0.0 && x + y < 0.2;
     let light = |[x, y]: [f64; 2]| f64::from(u8::from(is_in(x - 4.0, y - 3.0)));
     let goal = Goal { glint_halvings: 3, tolerance: 0.01, ..likely(false) };
-    let (rays, _) = draw_light(([9, 7], goal), light, hopeless, |x, y, pixel| {
+    let (rays, _) = draw_light([9, 7], goal, light, hopeless, |x, y, pixel| {
         let mean = if (x, y) == (4, 3) { 0.02 } else { 0.0 };
         let off = (pixel.value[0] - mean).abs();
         assert!(off <= goal.tolerance, "{off} at {x}, {y}");
     });
     assert!((63 * 64..63 * 100).contains(&rays), "{rays}");
     // By their bounds there is nothing: five rays do.
-    let (rays, _) = draw_light(([9, 7], goal), |_| 0.0, |_| 0.02, |_, _, _| {});
+    let (rays, _) = draw_light([9, 7], goal, |_| 0.0, |_| 0.02, |_, _, _| {});
     assert!(rays <= 63 * 5 + rim(9, 7), "{rays}");
 }
 
@@ -322,7 +322,7 @@ fn a_pixel_that_cannot_be_finished_leaves_rays_to_others_in_a_crowd() {
         f64::from(u8::from((1.7 * x + y).fract() > 0.5)) + many
     };
     let goal = Goal { alone_per_pixel: 2000, tolerance: 1e-4, ..likely(false) };
-    draw_light(([16, 4], goal), light, hopeless, |x, y, pixel| {
+    draw_light([16, 4], goal, light, hopeless, |x, y, pixel| {
         let error = pixel.estimate();
         if (x, y) == (0, 0) {
             assert!(error > 5.0 * goal.tolerance, "{error}");
@@ -342,7 +342,7 @@ fn worst_of_edges(rows: std::ops::Range<f64>) -> f64 {
         if rows.contains(&y) { f64::from(u8::from(is_lit)) } else { 0.5 }
     };
     let goal = Goal { alone_per_pixel: 256, tolerance: 1e-6, ..likely(false) };
-    let (rays, error) = draw_light(([64, 16], goal), light, hopeless, |_, _, _| {});
+    let (rays, error) = draw_light([64, 16], goal, light, hopeless, |_, _, _| {});
     assert!(rays <= 257 * 64 * 16 + rim(64, 16), "{rays}");
     error.estimate
 }
@@ -364,7 +364,7 @@ fn what_pixels_save_is_left_to_those_before() {
 fn what_is_alike_in_all_pixels_is_seen_by_witnesses() {
     // Stairs of a pixel's width: centres lie on a straight line, and means on another one.
     let light = |[x, y]: [f64; 2]| 0.01 * (x + 0.4).floor() - 0.02 * (y + 0.7).floor();
-    draw_light(([64, 16], likely(false)), light, hopeless, |x, y, pixel| {
+    draw_light([64, 16], likely(false), light, hopeless, |x, y, pixel| {
         let mean = 0.01 * (x as f64 + 0.4) - 0.02 * (y as f64 + 0.7);
         let off = (pixel.value[0] - mean).abs();
         // Rays through centres are ten times as far off as the tolerance.
@@ -387,7 +387,7 @@ fn what_is_small_and_shines_is_not_lost_between_rays() {
         let is_near = distance(square.centre) < 5.0 * radius + 1.5 * square.half();
         100.0 * TOLERANCE + if is_near { brightness.min(square.weight().recip()) } else { 0.0 }
     };
-    draw_light(([64, 16], likely(true)), light, bound, |x, y, pixel| {
+    draw_light([64, 16], likely(true), light, bound, |x, y, pixel| {
         let truth = if (x, y) == (4, 13) { 1.3 } else { 0.3 };
         let off = (pixel.value[0] - truth).abs();
         assert!(y < 10 || off <= 2.0 * TOLERANCE, "{off} at {x}, {y}");

@@ -12,7 +12,7 @@ use std::ops::Range;
 use glam::{DVec2, DVec3};
 
 use self::open::{Clearness, Open};
-use self::proxies::{NEAREST, Proxies, first_apart};
+use self::proxies::{Lending, NEAREST, Proxies, first_apart};
 use self::room::Spent;
 use super::waiting::Found;
 use crate::cache::BrickShape;
@@ -77,13 +77,18 @@ pub(crate) struct Tile {
 
 /// How the rays of a step are marched.
 #[derive(Clone, Copy)]
-struct Settings<'s> {
-    light: &'s Light<'s>,
-    grid: &'s PixelGrid,
-    accounts: bool,
-    care: Care,
-    /// How far rays may be off, where others may be marched in their place.
-    lending: Option<(Thinning<'s>, Open)>,
+pub(crate) struct Settings<'s> {
+    /// What they march by.
+    pub(crate) light: &'s Light<'s>,
+    /// The picture's pixels.
+    pub(crate) grid: &'s PixelGrid,
+    /// Whether accounts are kept of what may be wrong with them.
+    pub(crate) accounts: bool,
+    /// How carefully packets march.
+    pub(crate) care: Care,
+    /// How far they may be off, where bricks may be drawn in fewer cells and others may be marched in
+    /// their place.
+    pub(crate) thinning: Option<Thinning<'s>>,
 }
 
 /// How far light may be off by bricks that are drawn in fewer cells than they have, and by rays that
@@ -151,7 +156,8 @@ impl Tile {
         &mut self,
         grid: &PixelGrid,
         rect: PixelRect,
-        (squares, has_area): (&[Square], bool),
+        squares: &[Square],
+        has_area: bool,
     ) {
         (self.rect, self.has_area) = (rect, has_area);
         self.squares.clear();
@@ -254,28 +260,28 @@ impl Tile {
         largest
     }
 
-    /// Marches the rays of a step through its brick, in fewer cells if these are off by little,
-    /// keeping accounts if `accounts`. Returns the number of samples.
+    /// Marches the rays of a step through its brick, in fewer cells if these are off by little.
+    /// Returns the number of samples.
     pub(crate) fn draw(
         &mut self,
         step: &Step,
         brick: &ScaledBrick,
         drawn: DrawnNeighbours,
-        (light, grid): (&Light<'_>, &PixelGrid),
-        (accounts, care, thinning): (bool, Care, Option<Thinning<'_>>),
+        settings: Settings<'_>,
     ) -> u64 {
         let passage = Passage { brick, region: step.region, drawn, hides: step.hides };
         // Where rays stand for squares, these take what there is of a tolerance.
-        let thinning = thinning.filter(|_| !self.has_area && !brick.is_piecewise_constant());
+        let may_thin = !self.has_area && !brick.is_piecewise_constant();
+        let thinning = settings.thinning.filter(|_| may_thin);
+        let settings = Settings { thinning, ..settings };
         let open = thinning.map_or(Open::default(), |_| self.open_rays(&step.pixels));
-        let settings = Settings { light, grid, accounts, care, lending: thinning.zip(Some(open)) };
         let mut thinner = std::mem::take(&mut self.thinner);
         let thin = thinning.and_then(|thinning| thin(&mut thinner, step, &passage, thinning, open));
         let samples = if let Some(part) = thin {
-            self.draw_part(&part, &step.pixels, settings)
+            self.draw_part(&part, &step.pixels, settings, open)
         } else {
             let parts = parts(&passage, &step.frame, &step.footprint);
-            let draw = |part: &Part<'_>| self.draw_part(part, &step.pixels, settings);
+            let draw = |part: &Part<'_>| self.draw_part(part, &step.pixels, settings, open);
             parts.iter().map(draw).sum()
         };
         self.thinner = thinner;
@@ -289,31 +295,27 @@ impl Tile {
         self.open(*rect).nth(few).is_none()
     }
 
-    /// Marches the rays in `pixels` through a part of a brick.
+    /// Marches the rays in `pixels` through a part of a brick; `open` are those that need more of it.
     fn draw_part(
         &mut self,
         part: &Part<'_>,
         pixels: &PixelRect,
-        Settings { light, grid, accounts, care, lending }: Settings<'_>,
+        Settings { light, grid, accounts, care, thinning }: Settings<'_>,
+        open: Open,
     ) -> u64 {
         let Part { passage, frame, footprint } = part;
         let diagonal = frame.cell_width.length();
         let has_squares = accounts && self.has_area;
-        let lending = lending.and_then(|(thinning, open)| {
+        let lending = thinning.and_then(|thinning| {
             let allowed = self.spent.left_for_some(&self.within(pixels), thinning.room);
-            let apart = first_apart(part, pixels, grid, (thinning.behind, allowed), open);
-            (apart >= NEAREST).then_some((apart, thinning, open))
+            let apart = first_apart(part, pixels, grid, thinning.behind, allowed, open);
+            (apart >= NEAREST).then_some(Lending { apart, thinning, open })
         });
         let in_packets = !self.are_few(pixels, passage.brick)
-            && self.packets.enter(
-                passage,
-                light,
-                (diagonal, care),
-                has_squares || lending.is_some(),
-            );
+            && self.packets.enter(passage, light, diagonal, care, has_squares || lending.is_some());
         let mut samples = 0;
         if let Some(lending) = lending.filter(|_| in_packets) {
-            samples += self.draw_by_proxies(part, pixels, (light, grid), lending);
+            samples += self.draw_by_proxies(part, pixels, light, grid, lending);
         }
         if self.served != self.alive {
             self.settle(light);
@@ -336,11 +338,11 @@ impl Tile {
                 }
                 self.entering.push(TileRay { index, ray });
                 if !in_packets || self.entering.len() == MOST_ENTERING {
-                    samples += self.depart(passage, light, (alone, in_packets));
+                    samples += self.depart(passage, light, alone, in_packets);
                 }
             }
         }
-        samples += self.depart(passage, light, (alone, in_packets));
+        samples += self.depart(passage, light, alone, in_packets);
         self.served.fill(0);
         samples
     }
@@ -350,14 +352,14 @@ impl Tile {
         &mut self,
         passage: &Passage<'_>,
         light: &Light<'_>,
-        (alone, in_packets): (Accounts<'_>, bool),
+        alone: Accounts<'_>,
+        in_packets: bool,
     ) -> u64 {
         let accounts = if self.beams.is_empty() { alone } else { Accounts::Squares(&self.beams) };
         let mut samples = 0;
         if in_packets {
             let mut film = Rays { states: &mut self.states, errors: &mut self.errors };
-            let rays = (&self.entering[..], accounts);
-            samples += self.packets.march(passage, light, rays, &mut film);
+            samples += self.packets.march(passage, light, &self.entering, accounts, &mut film);
         }
         for (n, TileRay { index, ray }) in self.entering.drain(..).enumerate() {
             let state = &mut self.states[index];

@@ -19,7 +19,7 @@ fn rays_are_needed_until_they_are_done() {
     let (mut tile, mut squares) = (Tile::new(0), Vec::new());
     let whole = rect([64, 128], [64, 70]);
     grid.first_squares(&whole, &mut squares);
-    tile.start(&grid, whole, (&squares, false));
+    tile.start(&grid, whole, &squares, false);
     assert_eq!(tile.needs(&rect([64, 65], [64, 65]), &ALL), 1.0);
     assert_eq!(tile.needs(&rect([127, 128], [69, 70]), &ALL), 1.0);
     // The strip of the first four rows; of the last pixel of its third row.
@@ -31,7 +31,7 @@ fn rays_are_needed_until_they_are_done() {
     assert_eq!(tile.needs(&rect([64, 127], [66, 67]), &ALL), 0.0);
     assert_eq!(tile.needs(&rect([64, 127], [66, 69]), &ALL), 1.0);
     // What lies between the rays of four pixels.
-    tile.start(&grid, whole, (&squares, false));
+    tile.start(&grid, whole, &squares, false);
     let [first, last] = [0, 5].map(|index| tile.aims[index].plane);
     let middle = first.midpoint(last);
     let between = |by: f64| {
@@ -42,7 +42,7 @@ fn rays_are_needed_until_they_are_done() {
     assert_eq!(tile.needs(&four, &between(0.49)), 0.0);
     assert_eq!(tile.needs(&four, &between(0.51)), 1.0);
     squares.retain(|square| square.centre[0].floor() == 69.0);
-    tile.start(&grid, whole, (&squares, false));
+    tile.start(&grid, whole, &squares, false);
     assert_eq!(tile.needs(&rect([64, 69], [64, 70]), &ALL), 0.0);
     let strips: Vec<_> = tile.strips(&rect([64, 128], [66, 69])).collect();
     assert_eq!(strips.iter().map(|strip| tile.squares_of(strip)).collect::<Vec<_>>(), [0..4, 4..6]);

@@ -100,7 +100,8 @@ pub(super) fn kinks_between<L: Lanes>(
 pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     l: L,
     brick: &PacketBrick<'_>,
-    ([a, b], bend): ([L::Float; 2], Bend<L>),
+    [a, b]: [L::Float; 2],
+    bend: Bend<L>,
     Depths { thickness, mean: depth, extinction }: Depths<L>,
 ) -> PartError<L> {
     // The line through the nodes rises √3 times as far as between them.

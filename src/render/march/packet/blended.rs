@@ -199,7 +199,9 @@ impl<L: Lanes> Part<L> {
     pub(super) fn new(
         l: L,
         brick: &PacketBrick<'_>,
-        (cell, exists, lanes): (&[L::Float; 3], L::Index, L::Mask),
+        cell: &[L::Float; 3],
+        exists: L::Index,
+        lanes: L::Mask,
         along: Along<'_, L>,
     ) -> Self {
         let missing = missing_at(l, exists, along.middle);
@@ -321,7 +323,7 @@ impl<L: Lanes> Level<L> {
             first[a] = l.floor(l.fma(place[a], l.splat(scale), origin));
             within[a] = l.sub(origin, first[a]);
         }
-        let cube = Cube::new(l, (values, side), number(l, first, side));
+        let cube = Cube::new(l, values, side, number(l, first, side));
         let mut level = Self {
             missing: number(l, first, side - 1),
             cube,
@@ -330,7 +332,7 @@ impl<L: Lanes> Level<L> {
             length: l.mul(length, l.splat(scale)),
             bend: Bend { second: length, third: length, fourth: length, kink: length },
         };
-        level.bend = cube.bend(l, skew, (level.place(l, from), level.length));
+        level.bend = cube.bend(l, skew, level.place(l, from), level.length);
         let exists = l.gather_bytes(corners, level.missing);
         level.missing = missing_at(l, exists, level.place(l, place));
         level

@@ -113,7 +113,7 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(
         }
         let rates = rates_at(l, brick.storages, cell, active);
         sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, lit, way);
-        active = go_on::<L, ABSORBS>(l, &mut walk, &exit, active, (gathered.depth[0], fade));
+        active = go_on::<L, ABSORBS>(l, &mut walk, &exit, active, gathered.depth[0], fade);
     }
     gathered.store(l, packet, &mut sums);
     walk.store(packet);

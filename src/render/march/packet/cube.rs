@@ -15,7 +15,7 @@ pub(super) struct Cube<L: Lanes> {
 impl<L: Lanes> Cube<L> {
     /// The cube of `values` with `side` along each axis whose lowest corner is `first`.
     #[inline(always)]
-    pub(super) fn new(l: L, (values, side): (&[f32], usize), first: L::Index) -> Self {
+    pub(super) fn new(l: L, values: &[f32], side: usize, first: L::Index) -> Self {
         let (row, layer) = (side, side * side);
         let rows = [0, row, layer, layer + row];
         let pairs = l.gather_pairs(values, first, rows);
@@ -35,7 +35,8 @@ impl<L: Lanes> Cube<L> {
         &self,
         l: L,
         skew: &Skew<L>,
-        ([x, y, z], length): ([L::Float; 3], L::Float),
+        [x, y, z]: [L::Float; 3],
+        length: L::Float,
     ) -> Bend<L> {
         let [a, b, c, d] = self.rise;
         let [p, q, r, s] = self.lower;

@@ -100,7 +100,7 @@ impl<L: Lanes> Gain<L> {
         depth: L::Float,
         stretch: &Stretch<'_, L>,
     ) -> (Self, PartValues<L>) {
-        let look = StretchPart::at::<ABSORBS>(l, brick, stretch, (l.splat(0.0), 1.0));
+        let look = StretchPart::at::<ABSORBS>(l, brick, stretch, l.splat(0.0), 1.0);
         look.gain::<ABSORBS>(l, brick, depth, stretch)
     }
 
@@ -111,14 +111,15 @@ impl<L: Lanes> Gain<L> {
     pub(super) fn in_parts<const ABSORBS: bool>(
         l: L,
         brick: &PacketBrick<'_>,
-        (depth, lanes): (L::Float, u32),
+        depth: L::Float,
+        lanes: u32,
         stretch: &Stretch<'_, L>,
         parts: u32,
     ) -> Self {
         let (mut all, mut left) = (Self::none(l, depth), lanes);
         while left != 0 {
             let deal = PartLanes::new(l, left, parts);
-            let gain = Self::of_deal::<ABSORBS>(l, brick, (depth, &deal), stretch, parts);
+            let gain = Self::of_deal::<ABSORBS>(l, brick, depth, &deal, stretch, parts);
             all = gain.or(l, l.mask(deal.rays), &all);
             left &= !deal.rays;
         }
@@ -129,17 +130,18 @@ impl<L: Lanes> Gain<L> {
     fn of_deal<const ABSORBS: bool>(
         l: L,
         brick: &PacketBrick<'_>,
-        (depth, deal): (L::Float, &PartLanes<L>),
+        depth: L::Float,
+        deal: &PartLanes<L>,
         stretch: &Stretch<'_, L>,
         parts: u32,
     ) -> Self {
         let (cube, part) = (stretch.cube.dealt(l, deal), dealt(l, stretch.part, deal));
-        let stretch = stretch.dealt(l, deal, (&cube, part.as_ref()));
+        let stretch = stretch.dealt(l, deal, &cube, part.as_ref());
         let mut gain = Self::none(l, depth);
         for round in 0..parts / deal.abreast {
             let number = l.add(deal.number, l.splat((round * deal.abreast) as f32));
             let share = (parts as f32).recip();
-            let look = StretchPart::at::<ABSORBS>(l, brick, &stretch, (number, share));
+            let look = StretchPart::at::<ABSORBS>(l, brick, &stretch, number, share);
             let depth = if ABSORBS { deal.in_front(l, gain.depth, look.mean) } else { gain.depth };
             let (found, _) = look.gain::<ABSORBS>(l, brick, depth, &stretch);
             for n in 0..deal.abreast {
@@ -215,7 +217,8 @@ impl<'s, L: Lanes> Stretch<'s, L> {
         &self,
         l: L,
         deal: &PartLanes<L>,
-        (cube, part): (&'d Cube<L>, Option<&'d Part<L>>),
+        cube: &'d Cube<L>,
+        part: Option<&'d Part<L>>,
     ) -> Stretch<'d, L> {
         let (mut place, mut direction, mut stored) = (self.place, self.direction, self.stored);
         for a in 0..3 {
@@ -260,7 +263,8 @@ impl<L: Lanes> StretchPart<L> {
         l: L,
         brick: &PacketBrick<'_>,
         stretch: &Stretch<'_, L>,
-        (number, share): (L::Float, f32),
+        number: L::Float,
+        share: f32,
     ) -> Self {
         let Stretch { cube, bend, part, place, direction, from, way, thickness, .. } = *stretch;
         let step = l.mul(way, l.splat(share));
@@ -317,7 +321,7 @@ impl<L: Lanes> StretchPart<L> {
         let lit = l.add(weights[0], weights[1]);
         gain.steep.lit = lit;
         let depths = Depths { thickness, mean, extinction: l.max(a[3], b[3]) };
-        let found = crooked::<L, ABSORBS>(l, brick, (values, bend), depths);
+        let found = crooked::<L, ABSORBS>(l, brick, values, bend, depths);
         gain.off[0] = l.mul(found.emission, lit);
         let high = l.add(found.seen.middle, found.seen.half);
         let [_, _, most, base] = stretch.stored;

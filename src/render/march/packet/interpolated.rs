@@ -105,14 +105,14 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
     fn pass<const ABSORBS: bool, const BLENDED: bool>(&mut self, place: &Place<L>) {
         let Self { l, brick, active, .. } = *self;
         let side = l.splat(brick.side as f32);
-        let cube = Cube::new(l, (brick.values, brick.side), self.walk.index(side));
+        let cube = Cube::new(l, brick.values, brick.side, self.walk.index(side));
         self.walk.locate();
         let exit = self.walk.exit(self.walk.planes());
         let way = l.select(active, exit.way, l.splat(0.0));
         let [emission_off, extinction_off] = unpacked(l, l.bits_of(place.row[4]), active);
         let stretch = Stretch {
             cube: &cube,
-            bend: cube.bend(l, &self.skew, (self.walk.place, way)),
+            bend: cube.bend(l, &self.skew, self.walk.place, way),
             part: None,
             place: self.walk.place,
             direction: self.walk.direction(),
@@ -131,8 +131,8 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
         let rates = [emission_off, extinction_off];
         self.sums.off = add_off::<L, ABSORBS>(l, self.sums.off, rates, steep.lit, way);
         self.add_known::<ABSORBS>(place, &stretch, steep);
-        let depth = (self.sums.depth, self.fade);
-        self.active = go_on::<L, ABSORBS>(l, &mut self.walk, &exit, active, depth);
+        let Self { walk, sums, fade, .. } = self;
+        self.active = go_on::<L, ABSORBS>(l, walk, &exit, active, sums.depth, *fade);
     }
 
     /// How far other rays of squares are, if rays stand for such.
@@ -141,7 +141,7 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
         if self.brick.reliefs.is_empty() {
             return Shift::none(self.l);
         }
-        self.squares.shift(self.l, self.brick, (&self.walk, way, place.group), BLENDED)
+        self.squares.shift(self.l, self.brick, &self.walk, way, place.group, BLENDED)
     }
 
     /// Passes cells whose interpolant is the level's own.
@@ -152,10 +152,10 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
         shift: &Shift<L>,
     ) -> StorageSlopes<L> {
         let Self { l, brick, active, .. } = *self;
-        let passed = self.sums.pass::<ABSORBS>(l, brick, (self.allowed, active), stretch);
+        let passed = self.sums.pass::<ABSORBS>(l, brick, self.allowed, active, stretch);
         self.packet.count += passed.count;
         if !brick.reliefs.is_empty() {
-            shift.add::<ABSORBS>(l, brick, self.packet, (&passed, stretch.way), active);
+            shift.add::<ABSORBS>(l, brick, self.packet, &passed, stretch.way, active);
         }
         passed.steep
     }
@@ -179,13 +179,13 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
             let length = l.max(l.select(ahead, l.sub(to, from), zero), zero);
             let middle = self.walk.behind(l.fma(length, l.splat(0.5), from));
             let along = Along { from: self.walk.behind(from), middle, length, skew: &self.skew };
-            let part = Part::new(l, brick, (&self.walk.cell, exists, ahead), along);
-            let bend = stretch.cube.bend(l, &self.skew, (along.from, length));
+            let part = Part::new(l, brick, &self.walk.cell, exists, ahead, along);
+            let bend = stretch.cube.bend(l, &self.skew, along.from, length);
             let stretch = Stretch { bend, part: Some(&part), from, way: length, ..*stretch };
-            let passed = self.sums.pass::<ABSORBS>(l, brick, (allowed, ahead), &stretch);
+            let passed = self.sums.pass::<ABSORBS>(l, brick, allowed, ahead, &stretch);
             self.packet.count += passed.count;
             if !brick.reliefs.is_empty() {
-                shift.add::<ABSORBS>(l, brick, self.packet, (&passed, length), ahead);
+                shift.add::<ABSORBS>(l, brick, self.packet, &passed, length, ahead);
             }
             steep.add::<ABSORBS>(l, &passed.steep);
             ahead = l.and(ahead, is_less(l, to, way));
@@ -212,8 +212,8 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
             // Others' values are not those that were met.
             steep.slopes = [l.splat(f32::MAX); 3];
         }
-        let row = (*stored, active);
-        self.sums.stored = add_stored::<L, ABSORBS>(l, self.sums.stored, row, &steep, *way);
+        self.sums.stored =
+            add_stored::<L, ABSORBS>(l, self.sums.stored, *stored, active, &steep, *way);
     }
 
     #[inline(always)]
@@ -230,7 +230,8 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
 fn add_stored<L: Lanes, const ABSORBS: bool>(
     l: L,
     mut sums: [L::Float; 3],
-    (row, active): ([L::Float; 4], L::Mask),
+    row: [L::Float; 4],
+    active: L::Mask,
     StorageSlopes { lit, slopes }: &StorageSlopes<L>,
     way: L::Float,
 ) -> [L::Float; 3] {

@@ -278,7 +278,8 @@ fn go_on<L: Lanes, const ABSORBS: bool>(
     walk: &mut Walk<L>,
     exit: &Exit<L>,
     active: L::Mask,
-    (depth, fade): (L::Float, L::Float),
+    depth: L::Float,
+    fade: L::Float,
 ) -> L::Mask {
     let goes_on = walk.step(active, exit);
     if ABSORBS { l.and(goes_on, l.is_at_most(depth, fade)) } else { goes_on }

@@ -59,7 +59,9 @@ impl<L: Lanes> Squares<L> {
         &self,
         l: L,
         brick: &PacketBrick<'_>,
-        (walk, way, group): (&Walk<L>, L::Float, L::Index),
+        walk: &Walk<L>,
+        way: L::Float,
+        group: L::Index,
         blended: bool,
     ) -> Shift<L> {
         let (zero, one, half) = (l.splat(0.0), l.splat(1.0), l.splat(0.5));
@@ -72,7 +74,7 @@ impl<L: Lanes> Squares<L> {
             l.fma(slope[0], spread[0], l.fma(slope[1], spread[1], l.mul(slope[2], spread[2])));
         let most = l.min(over, row[6]);
         if brick.are_proxies {
-            let uneven = self.bent(l, brick, (walk, way), (uneven, most));
+            let uneven = self.bent(l, brick, walk, way, uneven, most);
             return Shift { most, uneven, range: row[6] };
         }
         let mut smooth = l.mul(self.turn, most);
@@ -108,8 +110,10 @@ impl<L: Lanes> Squares<L> {
         &self,
         l: L,
         brick: &PacketBrick<'_>,
-        (walk, way): (&Walk<L>, L::Float),
-        (uneven, most): ([L::Float; 3], L::Float),
+        walk: &Walk<L>,
+        way: L::Float,
+        uneven: [L::Float; 3],
+        most: L::Float,
     ) -> L::Float {
         let (two, zero, one) = (l.splat(2.0), l.splat(0.0), l.splat(1.0));
         let spread = self.spread;
@@ -209,7 +213,8 @@ impl<L: Lanes> Shift<L> {
         l: L,
         brick: &PacketBrick<'_>,
         packet: &mut Packet,
-        (Passed { seen, steep, .. }, way): (&Passed<L>, L::Float),
+        Passed { seen, steep, .. }: &Passed<L>,
+        way: L::Float,
         active: L::Mask,
     ) {
         let lit = steep.lit;

@@ -64,7 +64,8 @@ impl<L: Lanes> Sums<L> {
         &mut self,
         l: L,
         brick: &PacketBrick<'_>,
-        (allowed, active): (L::Float, L::Mask),
+        allowed: L::Float,
+        active: L::Mask,
         stretch: &Stretch<'_, L>,
     ) -> Passed<L> {
         let mut parts = 1;
@@ -73,8 +74,8 @@ impl<L: Lanes> Sums<L> {
         let mut open = l.and(active, gain.open::<ABSORBS>(l, brick, allowed));
         while l.bits(open) != 0 && parts < brick.parts {
             parts *= FINER;
-            let rays = (self.depth, l.bits(open));
-            let finer = Gain::in_parts::<ABSORBS>(l, brick, rays, stretch, parts);
+            let lanes = l.bits(open);
+            let finer = Gain::in_parts::<ABSORBS>(l, brick, self.depth, lanes, stretch, parts);
             gain = finer.or(l, open, &gain);
             count += u64::from(parts) * u64::from(l.bits(open).count_ones());
             open = l.and(open, gain.open::<ABSORBS>(l, brick, allowed));

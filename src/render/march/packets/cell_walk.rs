@@ -21,7 +21,8 @@ impl<'r> CellWalk<'r> {
         ray: &'r LocalRay,
         range: &'r CellRange,
         cell: [i32; 3],
-        (from, end): (f64, f64),
+        from: f64,
+        end: f64,
     ) -> Self {
         Self { ray, range, cell, from, end }
     }

@@ -107,7 +107,7 @@ impl Kernel for EnterBrick<'_> {
         let met = clip::<L>(region, lane_rays);
         for a in 0..3 {
             let ends = [range.lo[a], range.hi[a]].map(f64::from);
-            set_axis::<L>((ends, shift), lane_rays, packet, a);
+            set_axis::<L>(ends, shift, lane_rays, packet, a);
         }
         for lane in 0..L::COUNT {
             let end = split((lane_rays.to[lane] - lane_rays.from[lane]) / lane_rays.unit[lane]);
@@ -158,7 +158,8 @@ fn clip<L: Lanes>(region: &Region, lane_rays: &mut LaneRays) -> u32 {
 /// Sets where rays enter along an axis, in a cell from `lo` to `hi`, and their directions.
 #[inline(always)]
 fn set_axis<L: Lanes>(
-    ([lo, hi], shift): ([f64; 2], f64),
+    [lo, hi]: [f64; 2],
+    shift: f64,
     lane_rays: &LaneRays,
     packet: &mut Packet,
     a: usize,
@@ -277,7 +278,7 @@ mod tests {
                     prop_assert_eq!(met >> lane & 1 == 1, span.is_some());
                     let Some(span) = span else { continue };
                     prop_assert_eq!(lane_rays.span(lane), span);
-                    check_start(&packet, lane, (ray, span), (range, shift))?;
+                    check_start(&packet, lane, ray, span, range, shift)?;
                 }
             }
         }
@@ -286,8 +287,10 @@ mod tests {
     fn check_start(
         packet: &Packet,
         lane: usize,
-        (ray, span): (&LocalRay, (f64, f64)),
-        (range, shift): (&CellRange, f64),
+        ray: &LocalRay,
+        span: (f64, f64),
+        range: &CellRange,
+        shift: f64,
     ) -> Result<(), TestCaseError> {
         let unit = ray.direction.abs().max_element().recip();
         let [enters, leaves] = [span.0, span.1].map(|s| ray.origin + ray.direction * s + shift);

@@ -8,7 +8,7 @@ use crate::render::bounds::ray_error::{RayError, Sums};
 use crate::render::bounds::touch::Spread;
 use crate::render::march::absorb::Integrator;
 use crate::render::march::brick_account::BrickAccount;
-use crate::render::march::linear::pass_dual_cell;
+use crate::render::march::linear::{DualCells, pass_dual_cell};
 use crate::render::march::packet::{March, Packet, PacketBrick, SLACK};
 use crate::render::march::ray::{Beam, arrive, leave, march, spread_of};
 use crate::render::march::ray_state::RayState;
@@ -19,6 +19,7 @@ const ROUNDED_UP: f64 = 1.0 + 1e-5;
 /// A packet and whose rays are in its lanes.
 #[derive(Debug)]
 pub(super) struct RayPacket {
+    width: Width,
     packet: Packet,
     lane_rays: LaneRays,
     /// The squares that rays stand for, if they do, of all lanes.
@@ -36,10 +37,20 @@ struct LaneSquare {
 }
 
 impl RayPacket {
-    /// An empty packet.
-    pub(super) fn new() -> Self {
-        let squares = Vec::with_capacity(MOST_LANES);
-        Self { packet: Packet::new(), lane_rays: LaneRays::new(), squares, are_proxies: false }
+    /// An empty packet of lanes of this kind.
+    pub(super) fn new(width: Width) -> Self {
+        Self {
+            width,
+            packet: Packet::new(),
+            lane_rays: LaneRays::new(),
+            squares: Vec::with_capacity(MOST_LANES),
+            are_proxies: false,
+        }
+    }
+
+    /// How many lanes there are.
+    pub(super) fn lane_count(&self) -> usize {
+        self.width.count()
     }
 
     /// Most heap bytes.
@@ -52,19 +63,21 @@ impl RayPacket {
     pub(super) fn travel(
         &mut self,
         place: &Place<'_>,
-        (brick, width, all_plain): (&PacketBrick<'_>, Width, bool),
-        (rays, accounts): (&[TileRay], Accounts<'_>),
+        brick: &PacketBrick<'_>,
+        all_plain: bool,
+        rays: &[TileRay],
+        accounts: Accounts<'_>,
         film: &mut Rays<'_>,
     ) -> u64 {
-        let mut single = self.board(place, width, (rays, accounts), film);
+        let mut single = self.board(place, rays, accounts, film);
         let entered = self.packet.active;
         if all_plain && entered != 0 {
-            width.run(March { brick, packet: &mut self.packet, blended: false });
+            self.width.run(March { brick, packet: &mut self.packet, blended: false });
         }
         let has_accounts = accounts.are_kept();
         while self.packet.active != 0 {
             for blended in [false, true] {
-                self.go(brick, width, blended);
+                self.go(brick, blended);
             }
             if self.are_proxies {
                 self.give_up(brick, rays, film);
@@ -72,18 +85,18 @@ impl RayPacket {
             for lane in lanes(self.packet.active) {
                 if brick.fit(self.packet.cell(lane)).is_none() {
                     let index = rays[lane].index;
-                    self.settle(place, (lane, index), has_accounts, film);
+                    self.settle(place, lane, index, has_accounts, film);
                     self.clear(place, lane, &film.states[index]);
-                    single += self.pass_alone(place, brick, (lane, index), has_accounts, film);
+                    single += self.pass_alone(place, brick, lane, index, has_accounts, film);
                 }
             }
         }
         for lane in lanes(entered) {
             let index = rays[lane].index;
-            self.settle(place, (lane, index), has_accounts, film);
+            self.settle(place, lane, index, has_accounts, film);
             if let Some(LaneSquare { beam, before, .. }) = self.squares.get(lane) {
                 let (state, error) = (&mut film.states[index], &mut film.errors[index]);
-                leave(Some(self.lane_rays.span(lane)), beam, state, (error, before));
+                leave(Some(self.lane_rays.span(lane)), beam, state, error, before);
             }
         }
         self.packet.count + single
@@ -94,8 +107,8 @@ impl RayPacket {
     fn board(
         &mut self,
         place: &Place<'_>,
-        width: Width,
-        (rays, accounts): (&[TileRay], Accounts<'_>),
+        rays: &[TileRay],
+        accounts: Accounts<'_>,
         film: &mut Rays<'_>,
     ) -> u64 {
         let Self { packet, lane_rays, squares, .. } = self;
@@ -103,13 +116,13 @@ impl RayPacket {
         lane_rays.take(rays);
         let Place { region, range, shift, .. } = place;
         let (shift, count) = (*shift, rays.len());
-        let met = width.run(EnterBrick { region, range, shift, lane_rays, packet, count });
+        let met = self.width.run(EnterBrick { region, range, shift, lane_rays, packet, count });
         (packet.active, packet.count) = (met, 0);
         packet.clear_sums();
         let mut single = 0;
         self.are_proxies = matches!(accounts, Accounts::Proxies(_));
         for (lane, (tile_ray, beam)) in rays.iter().zip(accounts.squares()).enumerate() {
-            single += self.take_square(place, (lane, tile_ray), beam, film);
+            single += self.take_square(place, lane, tile_ray, beam, film);
         }
         for lane in lanes(self.packet.active) {
             self.set_terms(place, lane, &film.states[rays[lane].index]);
@@ -122,18 +135,18 @@ impl RayPacket {
     fn take_square(
         &mut self,
         place: &Place<'_>,
-        (lane, TileRay { index, ray }): (usize, &TileRay),
+        lane: usize,
+        TileRay { index, ray }: &TileRay,
         beam: &Beam,
         film: &mut Rays<'_>,
     ) -> u64 {
         let span = (self.packet.active >> lane & 1 == 1).then(|| self.lane_rays.span(lane));
         let (state, error) = (&mut film.states[*index], &mut film.errors[*index]);
         let before = *error;
-        let met = (&place.region, span);
         let spread = if self.are_proxies {
-            spread_of(ray, met, beam)
+            spread_of(ray, &place.region, span, beam)
         } else {
-            arrive(place.passage, ray, met, beam, (state, error))
+            arrive(place.passage, ray, &place.region, span, beam, state, error)
         };
         let is_wide = spread.cells.iter().any(|spread| *spread > 1.0 - f64::from(SLACK));
         let mut single = 0;
@@ -145,7 +158,7 @@ impl RayPacket {
             single = march(place.passage, ray, place.light, state, Some((error, beam)));
             self.packet.active &= !(1 << lane);
         } else if span.is_none() {
-            leave(span, beam, state, (error, &before));
+            leave(span, beam, state, error, &before);
         }
         for a in 0..3 {
             self.packet.spread[a].0[lane] = spread.cells[a] as f32 + SLACK;
@@ -180,7 +193,7 @@ impl RayPacket {
     }
 
     /// Marches the rays that have come to plain cells, or to blended ones, as far as they go.
-    fn go(&mut self, brick: &PacketBrick<'_>, width: Width, blended: bool) {
+    fn go(&mut self, brick: &PacketBrick<'_>, blended: bool) {
         let all = self.packet.active;
         let ready = lanes(all)
             .filter(|lane| brick.fit(self.packet.cell(*lane)) == Some(blended))
@@ -189,7 +202,7 @@ impl RayPacket {
             return;
         }
         self.packet.active = ready;
-        width.run(March { brick, packet: &mut self.packet, blended });
+        self.width.run(March { brick, packet: &mut self.packet, blended });
         self.packet.active |= all & !ready;
     }
 
@@ -197,7 +210,8 @@ impl RayPacket {
     fn settle(
         &self,
         place: &Place<'_>,
-        (lane, index): (usize, usize),
+        lane: usize,
+        index: usize,
         has_account: bool,
         film: &mut Rays<'_>,
     ) {
@@ -246,7 +260,8 @@ impl RayPacket {
         &mut self,
         place: &Place<'_>,
         brick: &PacketBrick<'_>,
-        (lane, index): (usize, usize),
+        lane: usize,
+        index: usize,
         accounts: bool,
         film: &mut Rays<'_>,
     ) -> u64 {
@@ -254,12 +269,13 @@ impl RayPacket {
         let (ray, span, unit) =
             (self.lane_rays.ray(lane), self.lane_rays.span(lane), self.lane_rays.unit(lane));
         let from = (span.0 + self.packet.reached(lane) * unit).min(span.1);
-        let mut walk = CellWalk::new(&ray, range, self.packet.cell(lane), (from, span.1));
+        let mut walk = CellWalk::new(&ray, range, self.packet.cell(lane), from, span.1);
         let relief = &passage.brick.relief;
         let (state, error) = (&mut film.states[index], &mut film.errors[index]);
         let spread = self.squares.get(lane).map_or_else(Spread::default, |square| square.spread);
         let mut account = accounts.then(|| BrickAccount::new(relief, error, passage.hides, spread));
         let mut integrator = Integrator::new(light.pieces, &light.ending, accounts, state);
+        let cells = DualCells { brick: passage.brick, drawn: passage.drawn, range };
         let mut levels = Vec::new();
         let goes_on = loop {
             if integrator.is_faded() {
@@ -267,8 +283,7 @@ impl RayPacket {
             }
             let (step, has_next) = walk.step();
             if step.from < step.to {
-                let passage = (passage.brick, passage.drawn, range);
-                pass_dual_cell(passage, &ray, &step, &mut levels, &mut integrator, &mut account);
+                pass_dual_cell(cells, &ray, &step, &mut levels, &mut integrator, &mut account);
             }
             if !has_next {
                 break false;

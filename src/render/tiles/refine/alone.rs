@@ -279,7 +279,8 @@ impl Sheet {
     pub(super) fn judge_scouts(
         &mut self,
         grid: &PixelGrid,
-        (batch, median): (&Batch, f64),
+        batch: &Batch,
+        median: f64,
         outcome: &[Found],
         next: &mut Next,
     ) {

@@ -10,7 +10,7 @@ use super::rim::SIDES;
 use super::{Batch, Sheet};
 use crate::render::camera::pixel_order::BLOCK;
 use crate::render::camera::rays::TILE_SIDE;
-use crate::render::tiles::pixel::{Unevenness, own};
+use crate::render::tiles::pixel::{SquareSides, Unevenness, own};
 use crate::render::tiles::waiting::Found;
 
 /// A pixel stands out whose bound is so many times the median of those around it: something may be
@@ -124,15 +124,14 @@ impl Sheet {
         Some(self.firsts[number].value.map(f64::from))
     }
 
-    /// By how much a square's ray differs from the first rays of the pixels beside its own, on each side,
-    /// and which of its sides are that one's.
-    pub(super) fn around(&self, found: &Found) -> ([f64; 4], [bool; 4]) {
+    /// What is known at a square's sides.
+    pub(super) fn around(&self, found: &Found) -> SquareSides {
         let place = self.order.place(usize::from(found.square.pixel));
         let beyond = std::array::from_fn(|side| match self.first(place, SIDES[side]) {
             Some(next) => (0..4).map(|c| (next[c] - found.value[c]).abs()).fold(0.0, f64::max),
             None => self.beyond_rim(place, side, &found.value),
         });
-        (beyond, found.square.sides_of_pixel())
+        SquareSides { beyond, own: found.square.sides_of_pixel() }
     }
 
     /// By how much first rays change at an edge between a pixel's and the next one's on a side: such

@@ -39,15 +39,10 @@ pub(super) fn power([before, after]: [f64; 2]) -> Option<f64> {
 }
 
 impl Sheet {
-    /// Looks at whether bounds of a group of pixels are sought, and fall fast enough. Where not, rays
-    /// that stand for squares go only where something small may shine. `found` are squares that wait
-    /// as well, to be marched `again` or quartered.
-    pub(super) fn settle(
-        &mut self,
-        grid: &PixelGrid,
-        (number, found): (usize, &[Found]),
-        again: bool,
-    ) {
+    /// Looks at whether bounds of the group of pixels of this number are sought, and fall fast enough.
+    /// Where not, rays that stand for squares go only where something small may shine. `found` are
+    /// squares that wait as well, to be marched `again` or quartered.
+    pub(super) fn settle(&mut self, grid: &PixelGrid, number: usize, found: &[Found], again: bool) {
         let Some(goal) = self.goal.filter(|goal| grid.has_area() && !goal.all_levels) else {
             return;
         };

@@ -29,7 +29,7 @@ pub(super) fn at_faces(
     let region = passage.inside();
     let Region { lo, hi, .. } = region;
     let span = clip(ray, lo, hi);
-    let spread = spread_of(ray, (&region, span), beam).cells;
+    let spread = spread_of(ray, &region, span, beam).cells;
     let moved = |faces: [f64; 3], sign: f64| std::array::from_fn(|a| faces[a] + sign * spread[a]);
     let Some(wide) = clip(ray, moved(lo, -1.0), moved(hi, 1.0)) else {
         return [Sums::default(); 2];
@@ -45,7 +45,7 @@ pub(super) fn at_faces(
     let leaves = Rim { way: (wide.1 - to).max(to - narrow.1), sigma: to, seen: after };
     let mut sums = [Sums::default(); 2];
     for rim in [enters, leaves].into_iter().filter(|rim| rim.way > 0.0) {
-        let [apart, bent] = at_face(passage, ray, (beam, spread), (rim, before));
+        let [apart, bent] = at_face(passage, ray, beam, spread, rim, before);
         sums = [sums[0].plus(apart), sums[1].plus(bent)];
     }
     sums
@@ -66,8 +66,10 @@ struct Rim {
 fn at_face(
     passage: &Passage<'_>,
     ray: &LocalRay,
-    (beam, spread): (&Beam, [f64; 3]),
-    (Rim { way, sigma, seen }, most_seen): (Rim, f64),
+    beam: &Beam,
+    spread: [f64; 3],
+    Rim { way, sigma, seen }: Rim,
+    most_seen: f64,
 ) -> [Sums; 2] {
     let along = ray.direction.abs() * way;
     let reach = along.max_element() + spread.iter().copied().fold(0.0, f64::max);
@@ -83,7 +85,7 @@ fn at_face(
     // At the far end the proxy, and so what is seen, is not yet as dim as behind it.
     let lit = length * (seen * (most.extinction * length).exp()).min(most_seen);
     let apart = Sums::of(most, length, lit);
-    if !is_at_one_face((&passage.inside(), spread), point, along) {
+    if !is_at_one_face(&passage.inside(), spread, point, along) {
         return [apart; 2];
     }
     // Rays come through one plane, at depths that are linear but for perspective; and what they meet
@@ -98,7 +100,7 @@ fn at_face(
 
 /// Whether no more than one face of a region is near a point on its border: within the spread of rays
 /// there and so many cells along them.
-fn is_at_one_face((region, spread): (&Region, [f64; 3]), point: DVec3, along: DVec3) -> bool {
+fn is_at_one_face(region: &Region, spread: [f64; 3], point: DVec3, along: DVec3) -> bool {
     let is_near = |face: usize| {
         let a = face % 3;
         let plane = if face < 3 { region.lo[a] } else { region.hi[a] };

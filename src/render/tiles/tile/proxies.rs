@@ -111,6 +111,17 @@ impl Proxies {
     }
 }
 
+/// Rays that may take from proxies.
+#[derive(Clone, Copy)]
+pub(super) struct Lending<'t> {
+    /// How many pixels apart proxies are at first.
+    pub(super) apart: u32,
+    /// How far the rays may be off.
+    pub(super) thinning: Thinning<'t>,
+    /// The rays that need more of the brick.
+    pub(super) open: Open,
+}
+
 /// The largest power of two that is not above `x`; 0 below 1.
 fn floor_to_power(x: f64) -> u32 {
     if x >= 1.0 { 1 << (x.min(FARTHEST) as u32).ilog2() } else { 0 }
@@ -122,7 +133,8 @@ pub(super) fn first_apart(
     Part { passage, frame, footprint }: &Part<'_>,
     pixels: &PixelRect,
     grid: &PixelGrid,
-    (behind, allowed): (f64, f64),
+    behind: f64,
+    allowed: f64,
     open: Open,
 ) -> u32 {
     if passage.brick.relief.is_empty() || open.count < FEWEST {
@@ -150,23 +162,23 @@ pub(super) fn first_apart(
 }
 
 impl Tile {
-    /// Marches proxies, at first `apart` pixels from each other, through a part of a brick that
-    /// packets may march through. Rays that need not be marched are marked as served. Returns the
-    /// number of samples.
+    /// Marches proxies through a part of a brick that packets may march through. Rays that need not be
+    /// marched are marked as served. Returns the number of samples.
     pub(super) fn draw_by_proxies(
         &mut self,
         part: &Part<'_>,
         pixels: &PixelRect,
-        (light, grid): (&Light<'_>, &PixelGrid),
-        (mut apart, thinning, mut open): (u32, Thinning<'_>, Open),
+        light: &Light<'_>,
+        grid: &PixelGrid,
+        Lending { mut apart, thinning, mut open }: Lending<'_>,
     ) -> u64 {
         self.proxies.reserve();
         let mut samples = 0;
         while apart >= NEAREST && open.count >= FEWEST {
             let lattice = Lattice::over(&self.rect, pixels, apart);
             self.choose(lattice, pixels);
-            samples += self.march_proxies(part, (light, grid), lattice, open.transmittance);
-            let served = self.lend(lattice, pixels, light, (thinning, open.transmittance));
+            samples += self.march_proxies(part, light, grid, lattice, open.transmittance);
+            let served = self.lend(lattice, pixels, light, thinning, open.transmittance);
             open.count = open.count.saturating_sub(served);
             // Most of what fails does so at the brick's edges, which fewer rays of finer lattices are near.
             apart = if apart > NEAREST { (apart / FINER).max(NEAREST) } else { 0 };
@@ -195,7 +207,8 @@ impl Tile {
     fn march_proxies(
         &mut self,
         Part { passage, frame, .. }: &Part<'_>,
-        (light, grid): (&Light<'_>, &PixelGrid),
+        light: &Light<'_>,
+        grid: &PixelGrid,
         lattice: Lattice,
         transmittance: f64,
     ) -> u64 {
@@ -216,8 +229,9 @@ impl Tile {
             states.resize(self.entering.len(), RayState::behind(transmittance));
             errors.clear();
             errors.resize(self.entering.len(), RayError::default());
-            let rays = (&self.entering[..], Accounts::Proxies(&self.beams));
-            samples += self.packets.march(passage, light, rays, &mut Rays { states, errors });
+            let accounts = Accounts::Proxies(&self.beams);
+            let mut film = Rays { states, errors };
+            samples += self.packets.march(passage, light, &self.entering, accounts, &mut film);
             let wanted = results[first..next].iter_mut().filter(|result| result.is_wanted);
             let rays = self.entering.iter().zip(&self.beams);
             for (result, ((state, error), (TileRay { ray, .. }, beam))) in
@@ -244,7 +258,8 @@ impl Tile {
         lattice: Lattice,
         pixels: &PixelRect,
         light: &Light<'_>,
-        (Thinning { room, behind, .. }, transmittance): (Thinning<'_>, f64),
+        Thinning { room, behind, .. }: Thinning<'_>,
+        transmittance: f64,
     ) -> usize {
         let mut served = 0;
         let is_whole = lattice.apart == TILE_SIDE && *pixels == self.rect;
@@ -274,7 +289,7 @@ impl Tile {
             }
             if is_close && (done == 0 || done == corners.len()) {
                 self.spent.add(&within, off);
-                served += self.lend_block((rect, pixels), (corners, &account), light);
+                served += self.lend_block(rect, pixels, corners, &account, light);
             }
         }
         served
@@ -312,7 +327,7 @@ impl Tile {
         let (corners, block) = (lattice.corners([0; 2]), lattice.pixels([0; 2]));
         let mut account = self.proxies.account(corners);
         account.cancel();
-        self.lend_block((block, &rect), (corners, &account), light);
+        self.lend_block(block, &rect, corners, &account, light);
         let Proxies { kept, results, .. } = &mut self.proxies;
         std::mem::swap(kept, results);
         kept.clear();
@@ -321,8 +336,10 @@ impl Tile {
 
     fn lend_block(
         &mut self,
-        (block, pixels): (PixelRect, &PixelRect),
-        (corners, account): ([usize; 4], &Lent),
+        block: PixelRect,
+        pixels: &PixelRect,
+        corners: [usize; CORNERS],
+        account: &Lent,
         light: &Light<'_>,
     ) -> usize {
         let mut served = 0;

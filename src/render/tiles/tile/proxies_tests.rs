@@ -22,7 +22,8 @@ fn frame(
     grid: &PixelGrid,
     at: [f64; 3],
     along: DVec3,
-    (pixel, width): (f64, f64),
+    pixel: f64,
+    width: f64,
     is_perspective: bool,
 ) -> Frame {
     let (right, up) = along.any_orthonormal_pair();
@@ -68,17 +69,17 @@ proptest! {
         let function = if is_shell { shells() } else { smooth() };
         let exact = TransferPieces::new(&function, |_| 0.0);
         let brick = surveyed(&data, BRICKS[number], &exact);
-        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&function, 0.01));
+        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &function, 0.01);
         let scene = scene("samples = 1", PICTURE, PICTURE);
         let grid = PixelGrid::new(&view(&scene), scene.render.samples);
-        let frame = frame(&grid, at, along.unwrap(), (pixel, WIDTH * thinner), is_perspective);
+        let frame = frame(&grid, at, along.unwrap(), pixel, WIDTH * thinner, is_perspective);
         let edge = DVec3::splat(f64::from(EDGE));
         let Some(footprint) = frame.footprint(DVec3::ZERO, edge) else { return Ok(()) };
         let part = Part { passage: setting.passage, frame, footprint };
         let mut squares = Vec::new();
         grid.first_squares(&WHOLE, &mut squares);
         let mut tile = Tile::new(0);
-        tile.start(&grid, WHOLE, (&squares, false));
+        tile.start(&grid, WHOLE, &squares, false);
         // The frame's projection is not always the picture's own.
         for aim in &mut tile.aims {
             aim.length = frame.ray(aim.plane).length;
@@ -92,9 +93,10 @@ proptest! {
         let thinning = Thinning { pieces: &exact.all, limit, room: 2.0 * limit, behind: 1.0 };
         let light = &setting.light;
         for _ in 0..times {
-            let lending = Some((thinning, tile.open_rays(&WHOLE)));
-            let settings = Settings { light, grid: &grid, accounts: true, care, lending };
-            tile.draw_part(&part, &WHOLE, settings);
+            let open = tile.open_rays(&WHOLE);
+            let thinning = Some(thinning);
+            let settings = Settings { light, grid: &grid, accounts: true, care, thinning };
+            tile.draw_part(&part, &WHOLE, settings, open);
             prop_assert!(tile.served.iter().all(|bits| *bits == 0));
         }
         tile.settle(light);
@@ -119,7 +121,7 @@ proptest! {
 
 /// A brick of cells of a `width`, a thousand pixels each, and the tile's rays.
 fn zoomed<'s>(grid: &PixelGrid, setting: &Setting<'s>, width: f64) -> (Part<'s>, Vec<Square>) {
-    let frame = frame(grid, [4.0; 3], DVec3::new(0.6, 0.64, 0.48), (1e-3, width), true);
+    let frame = frame(grid, [4.0; 3], DVec3::new(0.6, 0.64, 0.48), 1e-3, width, true);
     let footprint = frame.footprint(DVec3::ZERO, DVec3::splat(f64::from(EDGE))).unwrap();
     let mut squares = Vec::new();
     grid.first_squares(&WHOLE, &mut squares);
@@ -131,23 +133,23 @@ fn smooth_bricks_take_few_rays() {
     let data = TestData::new(linear);
     let exact = TransferPieces::new(&smooth(), |_| 0.0);
     let brick = surveyed(&data, BRICKS[0], &exact);
-    let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&smooth(), 0.01));
+    let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &smooth(), 0.01);
     let scene = scene("samples = 1", PICTURE, PICTURE);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
     let (part, squares) = zoomed(&grid, &setting, WIDTH);
     let draw = |limit: Option<f64>| {
         let mut tile = Tile::new(0);
-        tile.start(&grid, WHOLE, (&squares, false));
+        tile.start(&grid, WHOLE, &squares, false);
         let thinning = limit.map(|limit| Thinning {
             pieces: &exact.all,
             limit,
             room: 2.0 * limit,
             behind: 1.0,
         });
-        let lending = thinning.map(|thinning| (thinning, tile.open_rays(&WHOLE)));
+        let open = thinning.map_or(Open::default(), |_| tile.open_rays(&WHOLE));
         let (light, care) = (&setting.light, Care::Rough);
-        let settings = Settings { light, grid: &grid, accounts: true, care, lending };
-        let samples = tile.draw_part(&part, &WHOLE, settings);
+        let settings = Settings { light, grid: &grid, accounts: true, care, thinning };
+        let samples = tile.draw_part(&part, &WHOLE, settings, open);
         tile.settle(light);
         (samples, tile.states[SIDE as usize + 1].radiance)
     };
@@ -163,19 +165,19 @@ fn what_corners_gather_in_bricks_in_a_row_adds_up() {
     let data = TestData::new(linear);
     let exact = TransferPieces::new(&smooth(), |_| 0.0);
     let brick = surveyed(&data, BRICKS[0], &exact);
-    let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, (&smooth(), 0.01));
+    let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &smooth(), 0.01);
     let scene = scene("samples = 1", PICTURE, PICTURE);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
     let (part, squares) = zoomed(&grid, &setting, 0.01 * WIDTH);
     let mut tile = Tile::new(0);
     let mut draw = |times: i32| {
-        tile.start(&grid, WHOLE, (&squares, false));
-        let thinning = Thinning { pieces: &exact.all, limit: 1.0, room: 2.0, behind: 1.0 };
+        tile.start(&grid, WHOLE, &squares, false);
+        let thinning = Some(Thinning { pieces: &exact.all, limit: 1.0, room: 2.0, behind: 1.0 });
         for _ in 0..times {
-            let lending = Some((thinning, tile.open_rays(&WHOLE)));
+            let open = tile.open_rays(&WHOLE);
             let (light, care) = (&setting.light, Care::Rough);
-            let settings = Settings { light, grid: &grid, accounts: true, care, lending };
-            tile.draw_part(&part, &WHOLE, settings);
+            let settings = Settings { light, grid: &grid, accounts: true, care, thinning };
+            tile.draw_part(&part, &WHOLE, settings, open);
             assert_eq!(tile.proxies.kept.len(), CORNERS);
             assert_eq!(tile.states[77], RayState::default());
         }
