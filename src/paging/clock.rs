@@ -90,6 +90,11 @@ impl<B> Clock<B> {
         self.turn = self.turn.max(turn);
     }
 
+    /// Whether no turn to come needs what is needed last in `last_turn`.
+    pub(super) fn is_over(&self, last_turn: u64) -> bool {
+        last_turn < self.turn
+    }
+
     /// Notes when the brick in a slot is needed last.
     fn note_turn(&mut self, place: usize, last_turn: u64) {
         let Some(slot) = self.slots.get_mut(place) else { return };
@@ -163,7 +168,7 @@ impl<B> Clock<B> {
     /// A slot whose brick no turn to come needs.
     fn take_over(&mut self) -> Option<Claim<B>> {
         while let Some(&Reverse((last_turn, place))) = self.turns.peek() {
-            if last_turn >= self.turn {
+            if !self.is_over(last_turn) {
                 return None;
             }
             self.turns.pop();

@@ -116,14 +116,14 @@ impl<'l, L: Loader> Pool<'l, L> {
         absent
     }
 
-    /// Loads the brick ahead of its use, unless it is there already or only slots are free that
-    /// others will need sooner. It is not pinned, but kept longer than bricks already used.
+    /// Loads the brick ahead of its use, unless it is there already, no turn to come needs it (who asked
+    /// did not wait and is done with it) or only slots are free that others will need sooner. It is not pinned, but kept longer than bricks already used.
     ///
     /// # Errors
     /// What the loader says. Who then asks for the brick gets the error again.
     pub(crate) fn load_ahead(&self, request: &L::Request, scratch: &mut L::Scratch) -> Result<()> {
         let mut clock = self.lock();
-        if clock.holds(request.key()) {
+        if clock.holds(request.key()) || clock.is_over(request.last_turn()) {
             return Ok(());
         }
         let Some(claim) = clock.claim_idle(request.key(), || self.loader.new_brick()) else {

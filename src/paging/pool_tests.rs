@@ -187,6 +187,21 @@ fn what_no_turn_to_come_needs_makes_room_before_new_slots_do() {
 }
 
 #[test]
+fn what_is_asked_for_ahead_too_late_is_not_loaded() {
+    let (loader, counters) = (Squares::default(), Counters::new(100, 2));
+    let pool = Pool::new(4, &loader, &counters);
+    pool.turns_are_over(2);
+    for key in [3, 4] {
+        pool.load_ahead(&Key(key), &mut ()).unwrap();
+    }
+    assert!(!pool.holds(Key(3).key()) && pool.holds(Key(4).key()));
+    assert_eq!(value(&pool, 3), 9, "whoever needs it nevertheless gets it");
+    pool.begin_turns();
+    pool.load_ahead(&Key(2), &mut ()).unwrap();
+    assert!(pool.holds(Key(2).key()));
+}
+
+#[test]
 fn a_brick_that_is_needed_for_longer_than_was_said_first_stays() {
     let mut clock = Clock::new(4);
     let Claim { place, brick } = clock.claim(7, || ()).unwrap();
