@@ -116,8 +116,9 @@ impl<'l, L: Loader> Pool<'l, L> {
         absent
     }
 
-    /// Loads the brick ahead of its use, unless it is there already, no turn to come needs it (who asked
-    /// did not wait and is done with it) or only slots are free that others will need sooner. It is not pinned, but kept longer than bricks already used.
+    /// Loads the brick ahead of its use, unless it is there already, who asked for it did not wait and no
+    /// turn to come needs it, or only slots are free that others will need sooner. It is not pinned, but
+    /// kept longer than bricks already used.
     ///
     /// # Errors
     /// What the loader says. Who then asks for the brick gets the error again.
