@@ -123,7 +123,7 @@ impl Picture<'_, '_> {
     /// What bricks may be off by that a batch draws in fewer cells.
     fn thinning(&self, batch: &Batch) -> Option<Thinning<'_>> {
         match batch.cut {
-            Cut::Error(ErrorCut { limit, behind }) if self.method.keeps_accounts() => {
+            Cut::Error(ErrorCut { limit, behind, .. }) if self.method.keeps_accounts() => {
                 let (limit, room) = (THIN_SHARE * limit, PROXIES_SHARE * limit);
                 Some(Thinning { pieces: self.exact, limit, room, behind })
             }

@@ -232,3 +232,22 @@ fn areas_that_no_bound_certifies_are_estimated_and_the_same_on_any_threads() {
     assert!(bound > stats.tolerance, "{bound:e}: nothing is left to rays for themselves");
     assert!(estimate > 0.0 && estimate <= 1.01 * stats.tolerance, "{estimate:e}");
 }
+
+#[test]
+fn exact_areas_take_all_rays_that_there_are() {
+    let (_folder, path) = cache();
+    let drawn = |samples: &str| {
+        let settings = format!("samples = {samples}\ntolerance = 0\ninterpolation = \"cell\"");
+        draw(&path, &scene(&settings, 12, 8), 1 << 30, 2).unwrap()
+    };
+    let (area, mean) = (drawn("\"area\""), drawn("32"));
+    let largest = f64::from(mean.film.largest_value());
+    let pixels = area.film.pixels().iter().zip(mean.film.pixels());
+    let off = pixels
+        .flat_map(|(a, b)| a.iter().zip(b).map(|(a, b)| f64::from(a - b).abs()))
+        .fold(0.0, f64::max);
+    let stats = &area.stats;
+    let (bound, estimate) = (stats.error_bound.unwrap(), stats.error_estimate.unwrap());
+    assert!(off < 0.02 * largest, "{off:e} of {largest:e}");
+    assert!(estimate < 0.02 * largest && estimate < 0.1 * bound, "{estimate:e}, {bound:e}");
+}

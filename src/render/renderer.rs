@@ -76,7 +76,7 @@ enum State {
 impl State {
     /// How a tile that may be off like this has turned out, beside a goal of so much `tolerance`.
     fn of(TileError { shares, estimate, .. }: &TileError, tolerance: f64) -> Self {
-        if shares.levels + shares.pixel_area <= tolerance {
+        if shares.levels + shares.digits + shares.pixel_area <= tolerance {
             Self::Within
         } else if *estimate <= tolerance {
             Self::Likely
@@ -131,7 +131,9 @@ impl<'s> Renderer<'s> {
         let effort = Effort::of(pixels.whole().count() as u64);
         let mut goal = self.first_goal(pixels, &effort, is_exact)?;
         let transfer = self.transfer(if is_exact { 0.0 } else { goal.tolerance });
-        if pixels.has_area() && !is_exact {
+        if pixels.has_area() && is_exact {
+            goal.give_up_certificates(&effort);
+        } else if pixels.has_area() {
             self.look_out(&mut goal, &effort, &transfer)?;
         }
         let cut = goal.first_cut();

@@ -110,6 +110,8 @@ fn product(a: f64, b: f64) -> f64 {
 pub(crate) struct RayError {
     /// What cells that are drawn coarser than the data make it be off by.
     pub(crate) levels: Sums,
+    /// What values that are read in fewer digits than are stored make it be off by.
+    pub(crate) digits: Sums,
     /// What values that are not stored as the source has them make it be off by.
     pub(crate) storage: Sums,
     /// What the march of packets of rays makes it be off by.
@@ -143,6 +145,7 @@ pub(super) struct Products {
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Lent {
     levels: Sums,
+    digits: Sums,
     storage: Sums,
     march: Sums,
     /// Difference of the rays to the one that was marched.
@@ -175,6 +178,7 @@ impl Lent {
         let seen = |sums: Sums| sums.seen_through(transmittance);
         Self {
             levels: self.levels.plus(seen(behind.levels)),
+            digits: self.digits.plus(seen(behind.digits)),
             storage: self.storage.plus(seen(behind.storage)),
             march: self.march.plus(seen(behind.march)),
             apart: self.apart.plus(seen(behind.apart)),
@@ -187,6 +191,7 @@ impl Lent {
     pub(crate) fn max(self, other: &Self) -> Self {
         Self {
             levels: self.levels.max(other.levels),
+            digits: self.digits.max(other.digits),
             storage: self.storage.max(other.storage),
             march: self.march.max(other.march),
             apart: self.apart.max(other.apart),
@@ -201,6 +206,8 @@ impl Lent {
 pub struct ErrorShares {
     /// Cells drawn coarser than the data.
     pub levels: f64,
+    /// Values read in fewer digits than are stored.
+    pub digits: f64,
     /// Transfer function and integrals replaced by simpler ones.
     pub quadrature: f64,
     /// Pixels' areas replaced by finitely many rays, and rays by others beside them.
@@ -217,6 +224,7 @@ impl ErrorShares {
     /// All together.
     pub fn total(&self) -> f64 {
         self.levels
+            + self.digits
             + self.quadrature
             + self.pixel_area
             + self.storage
@@ -227,6 +235,7 @@ impl ErrorShares {
     /// Adds `weight` times another's.
     pub(crate) fn add(&mut self, other: &Self, weight: f64) {
         self.levels += weight * other.levels;
+        self.digits += weight * other.digits;
         self.quadrature += weight * other.quadrature;
         self.pixel_area += weight * other.pixel_area;
         self.storage += weight * other.storage;
@@ -248,7 +257,8 @@ const LEAST: f64 = 1.5e-45;
 impl RayError {
     /// All but what a square makes.
     fn of_itself(&self) -> Sums {
-        self.levels.plus(self.storage).plus(self.march).plus(self.proxies)
+        let stored = self.digits.plus(self.storage);
+        self.levels.plus(stored).plus(self.march).plus(self.proxies)
     }
 
     /// What was added since the account was as `before`, of what the ray itself is off by, lies behind
@@ -264,8 +274,9 @@ impl RayError {
     /// ∫ |Δκ| ds of all but what a square makes.
     #[inline]
     pub(crate) fn own_extinction(&self) -> f64 {
+        let stored = self.digits.extinction + self.storage.extinction;
         let packets = self.march.extinction + self.proxies.extinction;
-        self.levels.extinction + self.storage.extinction + packets
+        self.levels.extinction + stored + packets
     }
 
     /// What a ray adds to the accounts of others in whose place it was marched, with so much
@@ -274,6 +285,7 @@ impl RayError {
         let seen = |sums: Sums| sums.seen_through(transmittance.recip());
         Lent {
             levels: seen(self.levels),
+            digits: seen(self.digits),
             storage: seen(self.storage),
             march: seen(self.march),
             apart: seen(self.farthest),
@@ -282,9 +294,9 @@ impl RayError {
         }
     }
 
-    /// What values as they are read add to: levels, where they have fewer digits than are stored.
+    /// What values as they are read add to, which may have fewer digits than are stored.
     pub(crate) fn of_stored(&mut self, is_rounded: bool) -> &mut Sums {
-        if is_rounded { &mut self.levels } else { &mut self.storage }
+        if is_rounded { &mut self.digits } else { &mut self.storage }
     }
 
     /// Adds what was lent to a ray with so much `transmittance` that had gathered so much `light`.
@@ -292,6 +304,7 @@ impl RayError {
         let before = self.own_extinction();
         let seen = |sums: Sums| sums.seen_through(transmittance);
         self.levels = self.levels.plus(seen(lent.levels));
+        self.digits = self.digits.plus(seen(lent.digits));
         self.storage = self.storage.plus(seen(lent.storage));
         self.march = self.march.plus(seen(lent.march));
         self.proxies = self.proxies.plus(seen(lent.apart));
@@ -341,9 +354,9 @@ impl RayError {
         };
         let own = beside.bound(|extinction| self.absorbed(extinction, gathered), brightest);
         // Together they make no more than all at once.
-        let causes = [self.levels, self.storage, self.march, self.proxies];
-        let [levels, storage, march, proxies] = causes.map(bound);
-        let apart = levels + storage + march + proxies;
+        let causes = [self.levels, self.digits, self.storage, self.march, self.proxies];
+        let [levels, digits, storage, march, proxies] = causes.map(bound);
+        let apart = levels + digits + storage + march + proxies;
         let share = if own < apart { own / apart } else { 1.0 };
         // Offsets within a square are on average half the largest.
         let mean = bound(self.farthest.times(0.5));
@@ -352,6 +365,7 @@ impl RayError {
             .min((emission + product(dimmed, brightest)).max(dimmed));
         ErrorShares {
             levels: share * levels,
+            digits: share * digits,
             quadrature: self.quadrature + share * march,
             pixel_area: mean.min(bound(self.uneven) + twice).min(most) + share * proxies,
             storage: share * storage,

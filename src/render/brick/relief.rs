@@ -53,8 +53,7 @@ pub(crate) struct Relief {
     /// How far steps of the transfer function must be looked for beyond the values themselves, by
     /// what is beneath.
     pub(crate) levels_reach: f64,
-    /// Whether what values as they are read make counts as of levels: they have fewer digits than are
-    /// stored.
+    /// Whether values are read in fewer digits than are stored.
     pub(crate) is_rounded: bool,
 }
 

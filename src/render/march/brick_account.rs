@@ -205,7 +205,11 @@ impl<'a> BrickAccount<'a> {
             self.add_spread(&tally, group.border());
         } else {
             // Steps within reach of what is beneath, or of what is not stored exactly.
-            let cause = self.error.of_stored(self.hides || self.relief.is_rounded);
+            let cause = if self.hides {
+                &mut self.error.levels
+            } else {
+                self.error.of_stored(self.relief.is_rounded)
+            };
             *cause = cause.plus(tally.jumps);
         }
         self.error.place_behind(gathered, before);

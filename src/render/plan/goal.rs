@@ -1,11 +1,17 @@
 //! What a picture is to be, and how far a tile of it has come.
 
 use super::cut::{Cut, ErrorCut};
+use super::effort::Effort;
 use crate::render::bounds::ray_error::ErrorShares;
 
 /// The part of the goal that a first batch leaves to a single brick: few bricks along a ray are
 /// off by as much as the cut allows.
 const FIRST_LIMIT: f64 = 0.3;
+/// The part of it that a first batch leaves to what a brick's values may be off by as they are read,
+/// of rays that stand for themselves, and for areas: these come through a brick again and again, with
+/// smaller limits, which should find it in as many digits as before.
+const FIRST_DIGITS: f64 = 0.15;
+const FIRST_DIGITS_OF_AREAS: f64 = 0.04;
 /// Cuts that allow less than this part of the goal for a brick are none.
 const SMALLEST_LIMIT: f64 = 1e-7;
 
@@ -28,6 +34,8 @@ pub(crate) struct Goal {
     pub(crate) certifies: bool,
     /// The power of the number of rays that bounds fall with, until a group of pixels knows its own.
     pub(crate) power: f64,
+    /// Whether the picture's pixels stand for areas.
+    pub(crate) has_area: bool,
     /// Whether all levels are drawn whatever the tolerance.
     pub(crate) all_levels: bool,
 }
@@ -35,16 +43,24 @@ pub(crate) struct Goal {
 impl Goal {
     /// The cut that pixels begin with.
     pub(crate) fn first_cut(&self) -> Cut {
-        self.cut(FIRST_LIMIT * self.tolerance)
+        let digits = if self.has_area { FIRST_DIGITS_OF_AREAS } else { FIRST_DIGITS };
+        self.cut(FIRST_LIMIT * self.tolerance, digits * self.tolerance)
     }
 
-    /// The cut that leaves `limit` to a single brick.
-    pub(crate) fn cut(&self, limit: f64) -> Cut {
-        if self.all_levels || limit.is_nan() || limit <= SMALLEST_LIMIT * self.tolerance {
-            Cut::FullDepth
-        } else {
-            Cut::Error(ErrorCut { limit, behind: self.behind })
+    /// Leaves pixels' areas to rays that stand for themselves: their bounds are out of reach.
+    pub(crate) fn give_up_certificates(&mut self, effort: &Effort) {
+        (self.certifies, self.rays_per_pixel) = (false, effort.scouting);
+        self.power = 1.0;
+    }
+
+    /// The cut that leaves `limit` to a single brick, and `digits` to how its values are read.
+    pub(crate) fn cut(&self, limit: f64, digits: f64) -> Cut {
+        let is_none = |limit: f64| limit.is_nan() || limit <= SMALLEST_LIMIT * self.tolerance;
+        if self.all_levels || is_none(limit) {
+            return Cut::FullDepth;
         }
+        let digits = if is_none(digits) { 0.0 } else { digits };
+        Cut::Error(ErrorCut { limit, digits, behind: self.behind })
     }
 }
 

@@ -379,7 +379,7 @@ impl WalkContext<'_> {
             Cut::FullDepth => None,
             Cut::Footprint(cut) => fewer.find(|precision| *precision >= cut.precision()),
             Cut::Error(cut) => {
-                fewer.find(|precision| self.read_error(field, *precision, seen, cut) <= cut.limit)
+                fewer.find(|precision| self.read_error(field, *precision, seen, cut) <= cut.digits)
             }
         };
         found.unwrap_or(Precision::Full)

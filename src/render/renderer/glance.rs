@@ -69,6 +69,7 @@ impl Renderer<'_> {
             glint_halvings: effort.glint_halvings,
             certifies: true,
             power: f64::INFINITY,
+            has_area: self.scene.render.samples == Samples::Area,
             all_levels: is_exact,
         }
     }

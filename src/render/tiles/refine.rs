@@ -20,7 +20,8 @@ use crate::render::plan::goal::{Goal, Method, TileError};
 
 /// The part of a pixel's error that may come from levels, of what levels and area may be off by.
 const LEVELS_SHARE: f64 = 0.5;
-/// The part that may come from the march of packets, likewise.
+/// The parts that may come from digits that are not read, and from the march of packets, likewise.
+const DIGITS_SHARE: f64 = 0.3;
 const MARCH_SHARE: f64 = 0.4;
 /// A cut is made finer by at least, and at most, these factors.
 const FINER: [f64; 2] = [0.5, 1.0 / 32.0];
@@ -279,9 +280,8 @@ impl Sheet {
         if let (Some(goal), false) = (self.goal, next.finer.is_empty()) {
             let cut = match &batch.cut {
                 Cut::Error(cut) => {
-                    let factor = (0.5 * LEVELS_SHARE / next.worst).clamp(FINER[1], FINER[0]);
-                    // Few different cuts, so that many squares share one.
-                    goal.cut(cut.limit * factor.log2().floor().exp2())
+                    let [levels, digits] = next.factors();
+                    goal.cut(cut.limit * levels, cut.digits * digits)
                 }
                 _ => Cut::FullDepth,
             };
@@ -315,7 +315,7 @@ impl Sheet {
                 if !is_taken && grid.has_area() && found.square.halvings < MOST_HALVINGS {
                     next.quartered.push(*found);
                 } else if !is_taken && can_be_finer {
-                    next.worst = next.worst.max(1.0);
+                    next.worst = next.worst.map(|worst| worst.max(1.0));
                     next.finer.push(*found);
                 } else {
                     self.conclude(grid, found, &marched);
@@ -380,8 +380,8 @@ struct Next {
     careful: Vec<Found>,
     finer: Vec<Found>,
     quartered: Vec<Found>,
-    /// The most that levels are off by, of the room that there is.
-    worst: f64,
+    /// The most that levels, and digits, are off by, of the room that there is.
+    worst: [f64; 2],
 }
 
 impl Next {
@@ -395,19 +395,31 @@ impl Next {
         let can_be_finer = !matches!(batch.cut, Cut::FullDepth);
         // Of rays that stand for themselves the other part is what proxies make of them.
         let of_cut = mean.levels + if batch.has_area { 0.0 } else { mean.pixel_area };
-        if can_be_finer && of_cut > LEVELS_SHARE * room {
-            self.worst = self.worst.max(of_cut / room);
+        let off = [of_cut / room, mean.digits / room];
+        if can_be_finer && (off[0] > LEVELS_SHARE || off[1] > DIGITS_SHARE) {
+            self.worst = std::array::from_fn(|n| self.worst[n].max(off[n]));
             self.finer.extend(found);
             return true;
         }
         false
+    }
+
+    /// What limits of levels and digits are made smaller by.
+    fn factors(&self) -> [f64; 2] {
+        let shares = [LEVELS_SHARE, DIGITS_SHARE];
+        std::array::from_fn(|n| {
+            let [worst, share] = [self.worst[n], shares[n]];
+            // Few different cuts, so that many squares share one.
+            let factor = (0.5 * share / worst).clamp(FINER[1], FINER[0]).log2().floor().exp2();
+            if worst > share { factor } else { 1.0 }
+        })
     }
 }
 
 /// What finer levels, more rays or more care than `care` change.
 fn movable(shares: &ErrorShares, care: Care) -> f64 {
     let march = if care == Care::Exact { 0.0 } else { shares.quadrature };
-    shares.levels + shares.pixel_area + march
+    shares.levels + shares.digits + shares.pixel_area + march
 }
 
 #[cfg(test)]

@@ -12,8 +12,9 @@ struct Errors {
     area: Vec<f64>,
     /// How fast that falls with the square's width.
     order: i32,
-    /// Parts of the cut's limit.
+    /// Parts of the cut's limits.
     levels: f64,
+    digits: f64,
     /// What nothing changes, parts of the tolerance.
     fixed: f64,
 }
@@ -24,11 +25,13 @@ impl Errors {
         // Unlike from place to place.
         let place = 1.0 + (37.0 * square.centre[0] + 17.0 * square.centre[1]).sin();
         let width = (2.0 * square.half()).powi(self.order);
+        let [levels, digits] = match cut {
+            Cut::Error(cut) => [self.levels * cut.limit, self.digits * cut.digits],
+            _ => [0.0; 2],
+        };
         ErrorShares {
-            levels: match cut {
-                Cut::Error(cut) => self.levels * cut.limit,
-                _ => 0.0,
-            },
+            levels,
+            digits,
             pixel_area: self.area[number] * TOLERANCE * width * place,
             rounding: self.fixed * TOLERANCE,
             ..ErrorShares::default()
@@ -59,11 +62,8 @@ fn draw(sheet: &mut Sheet, samples: &str, goal: Goal, errors: &Errors) -> u64 {
 
 fn errors() -> impl Strategy<Value = Errors> {
     let area = prop::collection::vec((-3.0..1.0).prop_map(|p: f64| 10f64.powf(p)), 1..20);
-    (area, 1..3, 0.0..40.0, 0.0..0.5).prop_map(|(area, order, levels, fixed)| Errors {
-        area,
-        order,
-        levels,
-        fixed,
+    (area, 1..3, 0.0..40.0, 0.0..40.0, 0.0..0.5).prop_map(|(area, order, levels, digits, fixed)| {
+        Errors { area, order, levels, digits, fixed }
     })
 }
 
@@ -84,6 +84,7 @@ fn goal(rays_per_pixel: u64, all_levels: bool) -> Goal {
         glint_halvings: 0,
         certifies: true,
         power: 1.0,
+        has_area: false,
         all_levels,
     }
 }
@@ -132,9 +133,42 @@ proptest! {
 
 #[test]
 fn a_tile_that_is_good_enough_takes_one_ray_a_pixel() {
-    let errors = Errors { area: vec![0.1], order: 1, levels: 1.0, fixed: 0.1 };
+    let errors = Errors { area: vec![0.1], order: 1, levels: 1.0, digits: 1.0, fixed: 0.1 };
     let rays = draw(&mut Sheet::default(), "\"area\"", goal(u64::MAX, false), &errors);
     assert_eq!(rays, 63);
+}
+
+#[test]
+fn levels_and_digits_are_made_finer_each_for_what_it_is_off_by() {
+    let scene = scene("samples = 1", 9, 7);
+    let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+    let second = |levels: f64, digits: f64| {
+        let errors = Errors { area: vec![0.0], order: 1, levels, digits, fixed: 0.0 };
+        let mut sheet = Sheet::default();
+        sheet.start(&grid, grid.whole(), &Method::Within(goal(u64::MAX, false)));
+        let cuts = [(); 2].map(|()| {
+            let batch = sheet.next(&grid).unwrap();
+            let outcome = |square: &Square| Found {
+                square: *square,
+                value: [1.0; 4],
+                shares: errors.of(square, &batch.cut),
+                uneven: None,
+            };
+            sheet.judge(&grid, &batch, batch.squares.iter().map(outcome));
+            match batch.cut {
+                Cut::Error(cut) => cut,
+                other => panic!("{other:?}"),
+            }
+        });
+        assert!(sheet.next(&grid).is_none() && sheet.error().shares.total() <= TOLERANCE);
+        [cuts[1].limit / cuts[0].limit, cuts[1].digits / cuts[0].digits]
+    };
+    let [levels, digits] = second(10.0, 1.0);
+    assert!(levels < 0.1 && digits == 1.0, "{levels} {digits}");
+    let [levels, digits] = second(1.0, 10.0);
+    assert!(levels == 1.0 && digits < 0.15, "{levels} {digits}");
+    let [levels, digits] = second(10.0, 10.0);
+    assert!(levels < 0.1 && digits < 0.15, "{levels} {digits}");
 }
 
 /// What a picture is to be whose pixels' bounds are sought if it `certifies`.

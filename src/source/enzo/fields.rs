@@ -23,15 +23,20 @@ pub(super) fn names(file: &File, group: &str, size: [u32; 3]) -> Result<Vec<Stri
     Ok(names)
 }
 
-/// What a field measures, as far as its name tells: by Enzo's rules all densities share a unit,
-/// velocities are lengths over times, energies are specific, temperatures are kelvins.
+/// What a field measures, as far as its name tells: by Enzo's rules all densities of mass share a
+/// unit, velocities are lengths over times, energies are specific but for those of cosmic rays,
+/// temperatures are kelvins.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Density,
     Velocity,
     Energy,
+    EnergyDensity,
     Temperature,
 }
+
+/// What else than mass a density may be of.
+const NO_MASS: [&str; 5] = ["energy", "number", "momentum", "current", "charge"];
 
 impl Kind {
     fn of(name: &str) -> Option<Self> {
@@ -39,7 +44,12 @@ impl Kind {
             "x-velocity" | "y-velocity" | "z-velocity" => Some(Self::Velocity),
             "TotalEnergy" | "GasEnergy" | "Total_Energy" | "Gas_Energy" => Some(Self::Energy),
             "Temperature" | "Dust_Temperature" => Some(Self::Temperature),
-            _ => name.ends_with("Density").then_some(Self::Density),
+            "CREnergyDensity" => Some(Self::EnergyDensity),
+            _ => {
+                let of = name.strip_suffix("Density")?.to_lowercase();
+                let is_mass = NO_MASS.iter().all(|other| !of.contains(other));
+                is_mass.then_some(Self::Density)
+            }
         }
     }
 
@@ -48,6 +58,7 @@ impl Kind {
             Self::Density => "g/cm^3",
             Self::Velocity => "cm/s",
             Self::Energy => "erg/g",
+            Self::EnergyDensity => "erg/cm^3",
             Self::Temperature => "K",
         }
     }
@@ -77,11 +88,13 @@ fn to_cgs(name: &str, parameters: &Parameters) -> Option<f64> {
         return Some(factor);
     }
     let [density, length, time] = parameters.units;
+    let density = || stated("Density").or(density);
     let velocity = || stated("x-velocity").or_else(|| Some(length? / time?));
     match Kind::of(name)? {
-        Kind::Density => stated("Density").or(density),
+        Kind::Density => density(),
         Kind::Velocity => velocity(),
         Kind::Energy => velocity().map(|v| v * v),
+        Kind::EnergyDensity => Some(density()? * velocity()?.powi(2)),
         Kind::Temperature => Some(1.0),
     }
 }
@@ -134,5 +147,17 @@ mod tests {
         assert_eq!(field("Metallicity", "DensityUnits = 2\n").to_cgs, None);
         assert_eq!(field("Density", "").units.as_deref(), Some("g/cm^3"));
         assert_eq!(field("TotalEnergy", "").units, None);
+    }
+
+    #[test]
+    fn not_all_densities_are_of_mass() {
+        let units = "DensityUnits = 2\nLengthUnits = 12\nTimeUnits = 4\n";
+        let cosmic_rays = field("CREnergyDensity", units);
+        assert_eq!(cosmic_rays.to_cgs, Some(18.0));
+        assert_eq!(cosmic_rays.units.as_deref(), Some("erg/cm^3"));
+        for name in ["NumberDensity", "Momentum_Density", "Energy_Density", "Current_Density"] {
+            assert_eq!(field(name, units).to_cgs, None, "{name}");
+        }
+        assert_eq!(field("Electron_Density", units).to_cgs, Some(2.0));
     }
 }

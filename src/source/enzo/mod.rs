@@ -110,7 +110,9 @@ impl Enzo {
         }
         let names = common.unwrap_or_default();
         if names.is_empty() {
-            let reason = "its grids have no field in common: nothing to read";
+            let reason = "its grids have no field in common with as many cells as they have \
+                          themselves (ghost zones, by WriteGhostZones = 1, are not read): \
+                          nothing to read";
             return Err(Error::invalid(self.dump.parameters.display(), reason));
         }
         self.hierarchy.fields =

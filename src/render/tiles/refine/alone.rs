@@ -227,7 +227,7 @@ impl Sheet {
             } else {
                 (1.0 - LEAST_MEAN_SHARE) * goal.tolerance
             };
-            found.shares.total() > allowed && grid.has_area() && !goal.all_levels
+            found.shares.total() > allowed && grid.has_area()
         };
         if self.goal.as_ref().is_some_and(may_be) {
             let alone = ToDo { quartered: true, alone: true, care: Care::Rough, ..marched.clone() };

@@ -43,7 +43,7 @@ impl Sheet {
     /// Where not, rays that stand for squares go only where something small may shine. `found` are
     /// squares that wait as well, to be marched `again` or quartered.
     pub(super) fn settle(&mut self, grid: &PixelGrid, number: usize, found: &[Found], again: bool) {
-        let Some(goal) = self.goal.filter(|goal| grid.has_area() && !goal.all_levels) else {
+        let Some(goal) = self.goal.filter(|_| grid.has_area()) else {
             return;
         };
         let begins = GroupInHand { number, fallen: [0.0; 2], scouts: None };
