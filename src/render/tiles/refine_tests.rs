@@ -39,6 +39,17 @@ impl Errors {
     }
 }
 
+/// Has a sheet judge white rays of a batch.
+fn judge(sheet: &mut Sheet, grid: &PixelGrid, batch: &Batch, errors: &Errors) {
+    let outcome = |square: &Square| Found {
+        square: *square,
+        value: [1.0; 4],
+        shares: errors.of(square, &batch.cut),
+        uneven: None,
+    };
+    sheet.judge(grid, batch, batch.squares.iter().map(outcome));
+}
+
 /// Draws a tile of white pixels; rays marched.
 fn draw(sheet: &mut Sheet, samples: &str, goal: Goal, errors: &Errors) -> u64 {
     let scene = scene(&format!("samples = {samples}"), 9, 7);
@@ -49,13 +60,7 @@ fn draw(sheet: &mut Sheet, samples: &str, goal: Goal, errors: &Errors) -> u64 {
         assert!(!batch.squares.is_empty() && batch.squares.len() <= BATCH_RAYS);
         assert!(batch.squares.is_sorted_by_key(|square| square.pixel));
         rays += batch.squares.len() as u64;
-        let outcome = |square: &Square| Found {
-            square: *square,
-            value: [1.0; 4],
-            shares: errors.of(square, &batch.cut),
-            uneven: None,
-        };
-        sheet.judge(&grid, &batch, batch.squares.iter().map(outcome));
+        judge(sheet, &grid, &batch, errors);
     }
     rays
 }
@@ -148,13 +153,7 @@ fn levels_and_digits_are_made_finer_each_for_what_it_is_off_by() {
         sheet.start(&grid, grid.whole(), &Method::Within(goal(u64::MAX, false)));
         let cuts = [(); 2].map(|()| {
             let batch = sheet.next(&grid).unwrap();
-            let outcome = |square: &Square| Found {
-                square: *square,
-                value: [1.0; 4],
-                shares: errors.of(square, &batch.cut),
-                uneven: None,
-            };
-            sheet.judge(&grid, &batch, batch.squares.iter().map(outcome));
+            judge(&mut sheet, &grid, &batch, &errors);
             match batch.cut {
                 Cut::Error(cut) => cut,
                 other => panic!("{other:?}"),
