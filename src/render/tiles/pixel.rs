@@ -17,7 +17,8 @@ const DEVIATIONS: f64 = 3.0;
 /// accident.
 const LEAST_LEFT: f32 = 0.35;
 /// The part of an edge's height that stays where quarters along it have not met it, if nothing speaks of it
-/// but how uneven a square was: their rays are half as far from the side.
+/// but how uneven a square was: their rays are half as far from the side. It is all of it where their rays
+/// lie at their centres, as an edge along a row of these is met by all or none.
 const EDGE_LEFT: f64 = 0.5;
 /// Where what varies linearly makes more of a square's rays than so many times their spread, its quarters'
 /// rays lie at their centres.
@@ -58,6 +59,9 @@ struct Alone {
     /// by together, without those of which nothing is known yet.
     variance: Sum,
     bend: [Sum; 4],
+    /// What those may be off by together whose rays lie at their centres, as edges may run beside all of
+    /// these: a standard deviation.
+    aligned: Sum,
     /// How many these are.
     unknown: u32,
     /// The same of squares that were given up for want of room: more rays in others do not change what
@@ -74,6 +78,7 @@ struct Alone {
 struct Lost {
     variance: f64,
     bend: [f32; 4],
+    aligned: f64,
     unknown: u32,
 }
 
@@ -168,17 +173,19 @@ impl Pixel {
     /// What its mean may be off by in all likelihood, where its variance is taken for at least
     /// `least`; infinite while something is unknown.
     pub(super) fn unlikely(&self, least: f64) -> f64 {
-        let Alone { unknown, variance, bend, lost, .. } = &self.alone;
-        let variance = variance.value() + lost.variance;
+        let Alone { unknown, variance, bend, aligned, lost, .. } = &self.alone;
+        let variance = (variance.value() + lost.variance).max(least);
         let bend = |n: usize| bend[n].value() + f64::from(lost.bend[n]);
-        likely_error(unknown + lost.unknown, variance.max(least), std::array::from_fn(bend))
+        let aligned = aligned.value() + lost.aligned;
+        likely_error(unknown + lost.unknown, variance, aligned, std::array::from_fn(bend))
     }
 
     /// What its mean may be off by in all likelihood as far as more rays may change it, where that
     /// variance is taken for at least `least`: squares that were given up are left out.
     pub(super) fn changeable(&self, least: f64) -> f64 {
-        let Alone { unknown, variance, bend, .. } = &self.alone;
-        likely_error(*unknown, variance.value().max(least), bend.map(Sum::value))
+        let Alone { unknown, variance, bend, aligned, .. } = &self.alone;
+        let variance = variance.value().max(least);
+        likely_error(*unknown, variance, aligned.value(), bend.map(Sum::value))
     }
 
     /// What it is off by at most.
@@ -210,12 +217,12 @@ impl Pixel {
 }
 
 /// What a mean may be off by in all likelihood; without limit where nothing is known of some squares.
-fn likely_error(unknown: u32, variance: f64, bend: [f64; 4]) -> f64 {
+fn likely_error(unknown: u32, variance: f64, aligned: f64, bend: [f64; 4]) -> f64 {
     if unknown > 0 {
         return f64::INFINITY;
     }
     let most_bend = bend.iter().fold(0.0, |most: f64, bend| most.max(bend.abs()));
-    DEVIATIONS * variance.max(0.0).sqrt() + most_bend
+    DEVIATIONS * (variance.max(0.0) + aligned * aligned).sqrt() + most_bend
 }
 
 /// What a ray may be off by itself.
@@ -250,12 +257,16 @@ pub(super) struct Unevenness {
     /// By how much values may change at an edge that runs through it, and has not been seen: at its
     /// left, right, upper and lower side. Rounded up.
     edges: [Half; 4],
+    /// What it is off by as all others along an edge are: a standard deviation; 0 where its ray lies
+    /// beside its centre.
+    aligned: Half,
 }
 
 impl Alone {
     /// Counts a square that is `weight` of the pixel, or, where `sign` is −1, takes it out again.
     fn count(&mut self, uneven: &Unevenness, weight: f64, sign: f64) {
         self.variance.add(sign * uneven.variance(weight));
+        self.aligned.add(sign * weight * uneven.aligned.value());
         for (sum, bend) in self.bend.iter_mut().zip(uneven.bend) {
             sum.add(sign * weight * bend.value());
         }
@@ -270,6 +281,7 @@ impl Alone {
         };
         self.count(uneven, weight, -1.0);
         self.lost.variance += uneven.variance(weight);
+        self.lost.aligned += weight * uneven.aligned.value();
         for (sum, bend) in self.lost.bend.iter_mut().zip(uneven.bend) {
             *sum += (weight * bend.value()) as f32;
         }
@@ -327,23 +339,25 @@ impl Unevenness {
             bend: std::array::from_fn(|n| Half::of(channel(n).1 / 3.0)),
             twist: std::array::from_fn(|n| Half::of(channel(n).0)),
             edges: before.edges,
+            aligned: Half::default(),
         }
     }
 
     /// The unevenness of the `n`-th of these quarters alone, at whose sides so much is known. At those
     /// that are its pixel's own it keeps the edges that are known there, at others of the square a part
     /// of them, but for what its ray lies behind already; at its inner sides there may be what its rays
-    /// differ by from the others', as far as that is not smooth.
+    /// differ by from the others', as far as that is not smooth. Its ray may be `scattered`.
     pub(super) fn of_quarter(
         &self,
         n: usize,
         quarters: [&[f64; 4]; 4],
         SquareSides { beyond, own }: SquareSides,
+        scattered: bool,
     ) -> Self {
         let edges = std::array::from_fn(|side| {
             let axis = side / 2;
             let most = if n >> axis & 1 == side % 2 {
-                let left = if own[side] { 1.0 } else { EDGE_LEFT };
+                let left = if own[side] || !scattered { 1.0 } else { EDGE_LEFT };
                 left * self.edges[side].value()
             } else {
                 let pairs = quarters[n].iter().zip(quarters[n ^ 1 << axis]);
@@ -352,7 +366,9 @@ impl Unevenness {
             };
             Half::no_less(most.min(beyond[side]))
         });
-        Self { edges, ..*self }
+        let most = edges.iter().map(|edge: &Half| edge.value()).fold(0.0, f64::max);
+        let aligned = Half::no_less(if scattered { 0.0 } else { UNSEEN * most });
+        Self { edges, aligned, ..*self }
     }
 
     /// What is known of a square of which only edges are known, as [`Self::with_edges`] has them.
@@ -392,6 +408,7 @@ impl Unevenness {
             // Of x·y the product is 4, and a pixel's own quarters differ by a 16th, a fourth of its twist.
             twist: std::array::from_fn(|c| Half::of(product(c, [1, 1]) / 16.0)),
             edges: Default::default(),
+            aligned: Half::default(),
         }
     }
 
@@ -546,6 +563,27 @@ mod tests {
         assert_eq!(pixel.changeable(0.0), f64::INFINITY);
         pixel.give_up(&found(whole(), |_| 1.0), 1.0);
         assert_eq!((pixel.changeable(0.0), pixel.unlikely(0.0)), (0.0, f64::INFINITY));
+    }
+
+    #[test]
+    fn squares_along_an_edge_are_off_alike_where_their_rays_lie_at_their_centres() {
+        let beside_edge = |scattered: bool| {
+            let sides = SquareSides { beyond: [1.0; 4], own: [false, true, false, false] };
+            let around = Unevenness::of_edges([0.0, 1.0, 0.0, 0.0]);
+            around.of_quarter(1, [&[1.0; 4]; 4], sides, scattered)
+        };
+        let likely = |scattered: bool| {
+            let square = Found { uneven: Some(beside_edge(scattered)), ..found(whole(), |_| 1.0) };
+            let mut pixel = Pixel::default();
+            (0..16).for_each(|_| pixel.leave(&square, 1.0 / 256.0));
+            let likely = pixel.changeable(0.0);
+            (0..16).for_each(|_| pixel.give_up(&square, 1.0 / 256.0));
+            assert!((pixel.unlikely(0.0) - likely).abs() < 1e-9 && pixel.changeable(0.0) < 1e-9);
+            likely
+        };
+        // They cover a sixteenth of the pixel, which the edge may halve.
+        assert!((likely(true) - DEVIATIONS * UNSEEN / 64.0).abs() < 1e-3 * UNSEEN);
+        assert!(likely(false) > DEVIATIONS * UNSEEN / 16.0 && likely(false) > 0.3 / 16.0);
     }
 
     #[test]

@@ -42,7 +42,7 @@ impl Batch {
             let most = f64::from(whole.square.halvings).exp2() * ALONE_SHARE * tolerance;
             let uneven = (off.fold(0.0, f64::max) <= most).then_some(uneven);
             let of_quarter = |n: usize, uneven: Unevenness| {
-                uneven.of_quarter(n, values, sheet.around(&quarters[n]))
+                uneven.of_quarter(n, values, sheet.around(&quarters[n]), false)
             };
             let each: [_; 4] = from_fn(|n| uneven.map(|uneven| of_quarter(n, uneven)));
             for (quarter, uneven) in quarters.iter_mut().zip(each) {
@@ -329,7 +329,7 @@ impl Sheet {
             self.doubt(whole, values);
             let uneven = Unevenness::of(&whole.value, self.known(whole), values);
             let uneven: [_; 4] =
-                from_fn(|n| uneven.of_quarter(n, values, self.around(&quarters[n])));
+                from_fn(|n| uneven.of_quarter(n, values, self.around(&quarters[n]), true));
             let pixel = &mut self.pixels[usize::from(whole.square.pixel)];
             pixel.learn(whole, &uneven, grid.weight(&whole.square), &mean);
             let uneven_quarter =
