@@ -30,7 +30,7 @@ const MEBIBYTE: usize = 1 << 20;
 /// The smallest limit of ingest.
 const LIMIT: usize = 64 * MEBIBYTE;
 /// What pictures may take: little more than two threads' bricks and buffers do.
-const PICTURE_LIMIT: usize = 37 * MEBIBYTE;
+const PICTURE_LIMIT: usize = 36 * MEBIBYTE;
 /// What the program itself may take beyond its limit.
 const ITSELF: usize = 48 * MEBIBYTE;
 

@@ -244,6 +244,30 @@ impl ErrorShares {
     }
 }
 
+/// The same of one of many rays, in half the room: as f32, none smaller than it was.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct RayShares([f32; 7]);
+
+impl From<ErrorShares> for RayShares {
+    fn from(shares: ErrorShares) -> Self {
+        let ErrorShares { levels, digits, quadrature, pixel_area, storage, termination, rounding } =
+            shares;
+        let all = [levels, digits, quadrature, pixel_area, storage, termination, rounding];
+        Self(all.map(|share| {
+            let rounded = share as f32;
+            if f64::from(rounded) < share { rounded.next_up() } else { rounded }
+        }))
+    }
+}
+
+impl From<RayShares> for ErrorShares {
+    fn from(RayShares(all): RayShares) -> Self {
+        let [levels, digits, quadrature, pixel_area, storage, termination, rounding] =
+            all.map(f64::from);
+        Self { levels, digits, quadrature, pixel_area, storage, termination, rounding }
+    }
+}
+
 /// Relative error of exact integration and of sums along a ray: what the stress tests of the
 /// integrator hold it to.
 const INTEGRATION: f64 = 1e-9;
@@ -408,6 +432,23 @@ mod tests {
     fn nothing_wrong_is_no_error() {
         let shares = RayError::default().shares([0.0; 3], 0.0, f64::INFINITY, 0.0);
         assert_eq!(shares.total(), 0.0);
+    }
+
+    #[test]
+    fn a_rays_shares_are_no_smaller_in_half_the_room() {
+        let numbers = [0.1, 0.0, 1e-50, f64::INFINITY, 1e300, 1.0, 3e-7];
+        let [levels, digits, quadrature, pixel_area, storage, termination, rounding] = numbers;
+        let shares =
+            ErrorShares { levels, digits, quadrature, pixel_area, storage, termination, rounding };
+        let ErrorShares { levels, digits, quadrature, pixel_area, storage, termination, rounding } =
+            RayShares::from(shares).into();
+        let rounded = [levels, digits, quadrature, pixel_area, storage, termination, rounding];
+        for (rounded, number) in rounded.into_iter().zip(numbers) {
+            assert!(
+                rounded >= number && (rounded > 1e38 || rounded <= 1.000_000_2 * number + 2e-45)
+            );
+        }
+        assert_eq!((rounded[1], rounded[5]), (0.0, 1.0));
     }
 
     #[test]

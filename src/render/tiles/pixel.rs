@@ -15,7 +15,7 @@ use crate::sum::Sum;
 const DEVIATIONS: f64 = 3.0;
 /// The part of a square's spread that its quarters keep at least. Five rays beside an edge may be alike by
 /// accident.
-const LEAST_LEFT: f32 = 0.35;
+const LEAST_LEFT: f64 = 0.35;
 /// The part of an edge's height that stays where quarters along it have not met it, if nothing speaks of it
 /// but how uneven a square was: their rays are half as far from the side. It is all of it where their rays
 /// lie at their centres, as an edge along a row of these is met by all or none.
@@ -93,13 +93,13 @@ impl Pixel {
     /// Takes a square that is `weight` of it as it is.
     pub(super) fn take(&mut self, found: &Found, weight: f64) {
         self.certify(found, weight);
-        self.taken += weight * found.shares.total();
+        self.taken += weight * found.shares().total();
         self.draw(found, weight);
     }
 
     fn certify(&mut self, found: &Found, weight: f64) {
         add(&mut self.certified, &found.value, weight);
-        self.shares.add(&found.shares, weight);
+        self.shares.add(&found.shares(), weight);
         self.weight += weight;
     }
 
@@ -109,7 +109,7 @@ impl Pixel {
         match &found.uneven {
             Some(uneven) => {
                 self.alone.count(uneven, weight, 1.0);
-                self.alone.own.add(weight * own(&found.shares));
+                self.alone.own.add(weight * own(&found.shares()));
                 if found.square.halvings == 1 {
                     self.alone.first = Some(4.0 * uneven.variance(weight));
                 }
@@ -142,7 +142,7 @@ impl Pixel {
         match &whole.uneven {
             Some(uneven) => {
                 alone.count(uneven, weight, -1.0);
-                alone.own.add(-weight * own(&whole.shares));
+                alone.own.add(-weight * own(&whole.shares()));
             }
             None => alone.unknown = alone.unknown.saturating_sub(1),
         }
@@ -161,7 +161,7 @@ impl Pixel {
         let alone = &mut self.alone;
         alone.unknown = alone.unknown.saturating_sub(1);
         alone.count(foretold, 1.0, 1.0);
-        alone.own.add(own(&found.shares) + doubt);
+        alone.own.add(own(&found.shares()) + doubt);
         self.draw(found, 1.0);
     }
 
@@ -206,7 +206,7 @@ impl Pixel {
     /// What it will be off by beside its mean once a square left, `weight` of the pixel, is known
     /// by rays that may be off by `shares`.
     pub(super) fn beside_mean_with(&self, whole: &Found, weight: f64, shares: &ErrorShares) -> f64 {
-        let known = whole.uneven.map_or(0.0, |_| own(&whole.shares));
+        let known = whole.uneven.map_or(0.0, |_| own(&whole.shares()));
         self.beside_mean() + weight * (own(shares) - known)
     }
 
@@ -247,9 +247,9 @@ pub(super) struct SquareSides {
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Unevenness {
     /// The standard deviation of its rays, but for what is alike in all quarters.
-    spread: f32,
+    spread: Half,
     /// The standard deviation of what varies linearly over it.
-    slope: f32,
+    slope: Half,
     /// By how much its mean exceeds its centre's ray, if values bend alike everywhere in the square.
     bend: [Half; 4],
     /// How the square's quarters differ crosswise: those of this quarter by a fourth of it, likewise.
@@ -326,7 +326,7 @@ impl Unevenness {
             let beside = beside - 0.75 * before.bend[n].value();
             0.5 * (4.0 * twist * twist + 0.8 * beside * beside)
         };
-        let spread = (0..4).map(variance).fold(0.0, f64::max).sqrt() as f32;
+        let spread = (0..4).map(variance).fold(0.0, f64::max).sqrt();
         // What changes from one quarter to the next, along each axis.
         let slope = |n: usize| {
             let [a, b, c, d] = quarters.map(|quarter| quarter[n]);
@@ -334,8 +334,8 @@ impl Unevenness {
         };
         // Of a quadratic, midpoints of quarters are off by a quarter of what that of the square is.
         Self {
-            spread: spread.max(LEAST_LEFT * before.spread),
-            slope: (OF_LINEAR * (0..4).map(slope).fold(0.0, f64::max)).sqrt() as f32,
+            spread: Half::no_less(spread.max(LEAST_LEFT * before.spread.value())),
+            slope: Half::of((OF_LINEAR * (0..4).map(slope).fold(0.0, f64::max)).sqrt()),
             bend: std::array::from_fn(|n| Half::of(channel(n).1 / 3.0)),
             twist: std::array::from_fn(|n| Half::of(channel(n).0)),
             edges: before.edges,
@@ -362,7 +362,7 @@ impl Unevenness {
             } else {
                 let pairs = quarters[n].iter().zip(quarters[n ^ 1 << axis]);
                 let change = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-                change.min(OF_EDGE * f64::from(self.spread))
+                change.min(OF_EDGE * self.spread.value())
             };
             Half::no_less(most.min(beyond[side]))
         });
@@ -402,8 +402,8 @@ impl Unevenness {
             (product(c, [1, 0]).powi(2) + product(c, [0, 1]).powi(2)) / (3.0 * 2.0_f64).powi(2)
         };
         Self {
-            spread: (0..4).map(variance).fold(0.0, f64::max).sqrt() as f32,
-            slope: (OF_LINEAR * (0..4).map(slope).fold(0.0, f64::max)).sqrt() as f32,
+            spread: Half::no_less((0..4).map(variance).fold(0.0, f64::max).sqrt()),
+            slope: Half::of((OF_LINEAR * (0..4).map(slope).fold(0.0, f64::max)).sqrt()),
             bend: std::array::from_fn(|c| Half::of(bend(c))),
             // Of x·y the product is 4, and a pixel's own quarters differ by a 16th, a fourth of its twist.
             twist: std::array::from_fn(|c| Half::of(product(c, [1, 1]) / 16.0)),
@@ -431,13 +431,13 @@ impl Unevenness {
     /// edge runs through many squares alike, rays at their centres would all be off alike. Where
     /// values vary smoothly, a ray elsewhere would tell less.
     pub(super) fn scatter(&self) -> f64 {
-        let [spread, slope] = [self.spread, self.slope].map(f64::from);
+        let [spread, slope] = [self.spread, self.slope].map(Half::value);
         if spread > SMOOTH * slope { (spread / slope).min(1.0) } else { 0.0 }
     }
 
     /// The standard deviation of a square's rays.
     pub(super) fn spread(&self) -> f64 {
-        self.edges.iter().fold(self.spread.into(), |most, edge| most.max(UNSEEN * edge.value()))
+        self.edges.iter().fold(self.spread.value(), |most, edge| most.max(UNSEEN * edge.value()))
     }
 
     /// What a square that is `weight` of its pixel adds to its variance.
@@ -449,13 +449,14 @@ impl Unevenness {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::bounds::ray_error::RayShares;
     use crate::render::camera::rays::Square;
 
     const CENTRE: [f64; 2] = [3.5, 2.5];
 
     fn found(square: Square, of: impl Fn([f64; 2]) -> f64) -> Found {
         let value = [of(square.centre); 4];
-        Found { square, value, shares: ErrorShares::default(), uneven: None }
+        Found { square, value, shares: RayShares::default(), uneven: None }
     }
 
     fn whole() -> Square {
@@ -470,7 +471,7 @@ mod tests {
     #[test]
     fn slopes_are_even_and_bends_are_what_midpoints_miss() {
         let slope = uneven(|[x, y]| 5.0 + 3.0 * x - 2.0 * y);
-        assert!(slope.spread < 1e-6 && slope.most_bend() < 1e-6);
+        assert!(slope.spread.value() < 1e-6 && slope.most_bend() < 1e-6);
         // The mean of (x − c)² over a quarter is its centre's and 1/48 more.
         let bent = uneven(|[x, _]| (x - CENTRE[0]).powi(2));
         assert!((bent.most_bend() * 48.0 - 1.0).abs() < 0.004, "{bent:?}");
@@ -493,7 +494,8 @@ mod tests {
             let whole = found(square, smooth).value;
             let [foretold, new] =
                 [Some(known), None].map(|known| Unevenness::of(&whole, known, values));
-            assert!(foretold.spread < 0.02 * new.spread, "{} {}", foretold.spread, new.spread);
+            let spread = [foretold, new].map(|uneven| uneven.spread.value());
+            assert!(spread[0] < 0.02 * spread[1], "{spread:?}");
             (square, known) = (quarters[1].square, foretold);
         }
     }
@@ -531,7 +533,7 @@ mod tests {
             .map(|n| {
                 let values: [[f64; 4]; 5] = std::array::from_fn(|k| [hash(5 * n + k as u64); 4]);
                 let quarters = std::array::from_fn(|k| &values[k + 1]);
-                f64::from(Unevenness::of(&values[0], None, quarters).spread).powi(2)
+                Unevenness::of(&values[0], None, quarters).spread.value().powi(2)
             })
             .sum::<f64>()
             / count as f64;
@@ -542,7 +544,7 @@ mod tests {
     #[test]
     fn what_is_given_up_is_likely_as_before_and_no_longer_changeable() {
         let bend = [Half::of(0.1); 4];
-        let rough = Unevenness { spread: 0.5, bend, ..Unevenness::default() };
+        let rough = Unevenness { spread: Half::of(0.5), bend, ..Unevenness::default() };
         let quarters = whole()
             .quarters()
             .map(|quarter| Found { uneven: Some(rough), ..found(quarter, |_| 1.0) });
@@ -589,9 +591,9 @@ mod tests {
     #[test]
     fn what_is_bright_leaves_nothing_behind_once_it_is_known() {
         let mut pixel = Pixel::default();
-        let bright = |spread: f32| {
-            let bend = [Half::of(-f64::from(spread)); 4];
-            Unevenness { spread, bend, ..Unevenness::default() }
+        let bright = |spread: f64| {
+            let bend = [Half::of(-spread); 4];
+            Unevenness { spread: Half::of(spread), bend, ..Unevenness::default() }
         };
         let mut square = whole();
         pixel.leave(&found(square, |_| 0.0), 1.0);
@@ -610,7 +612,8 @@ mod tests {
             (square, before) = (square.quarters()[0], Some(quarters));
             weight *= 0.25;
         }
-        let expected = weight * (1e-3 * DEVIATIONS + bright(1e-3).most_bend());
+        let last = bright(1e-3);
+        let expected = weight * (last.spread.value() * DEVIATIONS + last.most_bend());
         assert!((pixel.unlikely(0.0) / expected - 1.0).abs() < 1e-5, "{}", pixel.unlikely(0.0));
     }
 }

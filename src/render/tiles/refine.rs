@@ -187,7 +187,7 @@ impl Sheet {
             let (_, room, mean) = self.pixel(grid, found, to_do.before);
             let is_good = movable(&mean, to_do.before) <= room;
             for found in found {
-                let bound = movable(&found.shares, to_do.before);
+                let bound = movable(&found.shares(), to_do.before);
                 let harm = grid.weight(&found.square) * bound;
                 let stands_out = |median| match found.square.halvings {
                     _ if self.may_hide(harm, bound) => true,
@@ -230,8 +230,8 @@ impl Sheet {
     fn pixel(&self, grid: &PixelGrid, found: &[Found], care: Care) -> (usize, f64, ErrorShares) {
         let whole: f64 = found.iter().map(|found| grid.weight(&found.square)).sum();
         let mut mean = ErrorShares::default();
-        for Found { square, shares, .. } in found {
-            mean.add(shares, grid.weight(square) / whole);
+        for found in found {
+            mean.add(&found.shares(), grid.weight(&found.square) / whole);
         }
         let pixel = usize::from(found[0].square.pixel);
         let allowed = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
@@ -311,7 +311,7 @@ impl Sheet {
                 continue;
             }
             for found in found {
-                let is_taken = is_taken || movable(&found.shares, care) <= room;
+                let is_taken = is_taken || movable(&found.shares(), care) <= room;
                 if !is_taken && grid.has_area() && found.square.halvings < MOST_HALVINGS {
                     next.quartered.push(*found);
                 } else if !is_taken && can_be_finer {
@@ -327,7 +327,7 @@ impl Sheet {
     /// Lets squares wait; there need not be room for all.
     fn wait(&mut self, grid: &PixelGrid, squares: &[Found], to_do: &ToDo) {
         for found in squares {
-            let harm = grid.weight(&found.square) * found.shares.total();
+            let harm = grid.weight(&found.square) * found.shares().total();
             let group = usize::from(found.square.pixel) / GROUP_PIXELS;
             let urgency =
                 if grid.has_area() { Urgency::new(group, harm) } else { Urgency::default() };

@@ -44,7 +44,7 @@ fn judge(sheet: &mut Sheet, grid: &PixelGrid, batch: &Batch, errors: &Errors) {
     let outcome = |square: &Square| Found {
         square: *square,
         value: [1.0; 4],
-        shares: errors.of(square, &batch.cut),
+        shares: errors.of(square, &batch.cut).into(),
         uneven: None,
     };
     sheet.judge(grid, batch, batch.squares.iter().map(outcome));
@@ -201,7 +201,8 @@ fn draw_light(
             shares: ErrorShares {
                 pixel_area: if batch.has_area { bound(square) } else { 0.0 },
                 ..ErrorShares::default()
-            },
+            }
+            .into(),
             uneven: None,
         };
         sheet.judge(&grid, &batch, batch.squares.iter().map(outcome));

@@ -390,7 +390,7 @@ impl Tile {
             let rest = if state.is_done(ending) { ending.brightest.max(1.0) } else { 0.0 };
             let shares = error.shares(state.radiance, state.opacity(), ending.brightest, rest);
             let value = [r, g, b, state.opacity()];
-            Found { square: *square, value, shares, uneven: None }
+            Found { square: *square, value, shares: shares.into(), uneven: None }
         })
     }
 }

@@ -4,7 +4,7 @@ use std::cmp::Reverse;
 
 use super::pixel::Unevenness;
 use crate::render::bounds::grade::Care;
-use crate::render::bounds::ray_error::ErrorShares;
+use crate::render::bounds::ray_error::{ErrorShares, RayShares};
 use crate::render::camera::rays::{BATCH_RAYS, Square};
 use crate::render::plan::cut::Cut;
 
@@ -34,9 +34,16 @@ pub(crate) struct Found {
     /// Radiance and opacity.
     pub(super) value: [f64; 4],
     /// What they may be off by.
-    pub(super) shares: ErrorShares,
+    pub(super) shares: RayShares,
     /// How its square's mean may differ from it, if that has been seen.
     pub(super) uneven: Option<Unevenness>,
+}
+
+impl Found {
+    /// What its ray may be off by, by cause.
+    pub(super) fn shares(&self) -> ErrorShares {
+        self.shares.into()
+    }
 }
 
 /// What is to be done with squares.
@@ -265,7 +272,7 @@ mod tests {
 
     fn found(pixel: u16, error: f64) -> Found {
         let square = Square { centre: [0.5; 2], offset: [0; 2], pixel, halvings: 0 };
-        let shares = ErrorShares { pixel_area: error, ..ErrorShares::default() };
+        let shares = ErrorShares { pixel_area: error, ..ErrorShares::default() }.into();
         Found { square, value: [0.0; 4], shares, uneven: None }
     }
 

@@ -38,7 +38,7 @@ impl Batch {
             let values = from_fn(|n| &quarters[n].value);
             let uneven = Unevenness::of(&whole.value, sheet.known(whole), values);
             // Rays that are off by much themselves say nothing of others, but where many add up.
-            let off = quarters.iter().chain([whole]).map(|found| own(&found.shares));
+            let off = quarters.iter().chain([whole]).map(|found| own(&found.shares()));
             let most = f64::from(whole.square.halvings).exp2() * ALONE_SHARE * tolerance;
             let uneven = (off.fold(0.0, f64::max) <= most).then_some(uneven);
             let of_quarter = |n: usize, uneven: Unevenness| {
@@ -227,7 +227,7 @@ impl Sheet {
             } else {
                 (1.0 - LEAST_MEAN_SHARE) * goal.tolerance
             };
-            found.shares.total() > allowed && grid.has_area()
+            found.shares().total() > allowed && grid.has_area()
         };
         if self.goal.as_ref().is_some_and(may_be) {
             let alone = ToDo { quartered: true, alone: true, care: Care::Rough, ..marched.clone() };
@@ -287,10 +287,10 @@ impl Sheet {
         let (cut, care) = (batch.cut.clone(), batch.care);
         let marched = ToDo { quartered: false, cut, before: care, care, alone: false };
         for (whole, quarters) in batch.wholes.iter().zip(outcome.chunks_exact(4)) {
-            let harm = |found: &Found| grid.weight(&found.square) * movable(&found.shares, care);
+            let harm = |found: &Found| grid.weight(&found.square) * movable(&found.shares(), care);
             let most = STANDS_OUT * harm(whole);
             for quarter in quarters {
-                let (harm, bound) = (harm(quarter), movable(&quarter.shares, care));
+                let (harm, bound) = (harm(quarter), movable(&quarter.shares(), care));
                 let little = self.little(most.min(median));
                 let is_little = harm <= little && !self.may_hide(harm, bound);
                 if is_little || quarter.square.halvings >= MOST_HALVINGS {
@@ -299,7 +299,7 @@ impl Sheet {
                 }
                 // What shines in cells that are drawn too coarse, or is marched too roughly, can be
                 // anywhere in them.
-                if next.takes(std::slice::from_ref(quarter), &quarter.shares, bound, batch) {
+                if next.takes(std::slice::from_ref(quarter), &quarter.shares(), bound, batch) {
                     continue;
                 }
                 next.quartered.push(*quarter);
@@ -318,7 +318,7 @@ impl Sheet {
         let room = self.goal.map_or(f64::INFINITY, |goal| ALONE_SHARE * goal.tolerance);
         for (whole, quarters) in batch.wholes.iter().zip(outcome.chunks_exact(4)) {
             let mut mean = ErrorShares::default();
-            quarters.iter().for_each(|quarter| mean.add(&quarter.shares, 0.25));
+            quarters.iter().for_each(|quarter| mean.add(&quarter.shares(), 0.25));
             let pixel = &self.pixels[usize::from(whole.square.pixel)];
             let is_good = movable(&mean, batch.care) <= room
                 || pixel.beside_mean_with(whole, grid.weight(&whole.square), &mean) <= room;

@@ -48,7 +48,7 @@ impl Sheet {
             first.marched += u32::from(n >= again);
             if found.square.halvings == 0 {
                 first.value = found.value.map(|channel| channel as f32);
-                first.bound = found.shares.total();
+                first.bound = found.shares().total();
             }
         }
     }
@@ -189,7 +189,7 @@ impl Sheet {
         }
         let Some(foretold) = self.foretell(pixel) else { return false };
         let doubt = DOUBTS * self.doubt_around(pixel);
-        let beside = self.pixels[pixel].beside_mean() + own(&found.shares);
+        let beside = self.pixels[pixel].beside_mean() + own(&found.shares());
         if foretold.likely() + foretold.most_bend() + doubt > self.room_for_mean(beside) {
             return false;
         }

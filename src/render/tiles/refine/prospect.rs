@@ -93,8 +93,9 @@ impl Sheet {
         let first = number * GROUP_PIXELS;
         let pixels = self.pixels.iter().skip(first).take(GROUP_PIXELS);
         let mut bounds: Vec<f64> = pixels.map(|pixel| pixel.shares.total()).collect();
-        for Found { square, shares, .. } in self.waiting.of_group(number).chain(found) {
-            bounds[usize::from(square.pixel) - first] += grid.weight(square) * shares.total();
+        for found in self.waiting.of_group(number).chain(found) {
+            bounds[usize::from(found.square.pixel) - first] +=
+                grid.weight(&found.square) * found.shares().total();
         }
         bounds.sort_unstable_by(f64::total_cmp);
         bounds[bounds.len() / 2]
@@ -107,7 +108,8 @@ impl Sheet {
 
     /// Notes how far bounds have fallen from squares to their quarters.
     pub(super) fn compare(&mut self, grid: &PixelGrid, batch: &Batch, outcome: &[Found]) {
-        let bound = |found: &Found| grid.weight(&found.square) * movable(&found.shares, batch.care);
+        let bound =
+            |found: &Found| grid.weight(&found.square) * movable(&found.shares(), batch.care);
         if let (Some(group), false) = (&mut self.group, batch.wholes.is_empty()) {
             let fallen =
                 [batch.wholes.iter().map(bound).sum(), outcome.iter().map(bound).sum::<f64>()];
