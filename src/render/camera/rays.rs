@@ -188,6 +188,13 @@ impl PixelGrid {
         }
     }
 
+    /// Whether edges may run through a square along the rows of its quarters' centres, or through squares
+    /// beside it alike.
+    pub(crate) fn has_edges_along(&self, square: &Square) -> bool {
+        let [x, y] = square.centre;
+        self.view.has_edges_along_pixels(self.view.plane(x, y))
+    }
+
     /// What a ray's radiance counts for in its pixel.
     pub(crate) fn weight(&self, square: &Square) -> f64 {
         match self.samples {

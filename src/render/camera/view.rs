@@ -10,6 +10,9 @@ use crate::{Error, Result};
 
 /// An `up` closer to the view direction than this (sine of the angle) has no direction left.
 const SMALLEST_SINE: f64 = 1e-12;
+/// An edge that leaves a pixel's row or column by no more than this part of a pixel is met by the rays
+/// of a row of eight squares alike.
+const ALIKE: f64 = 0.125;
 /// What rounding leaves of sums that cancel, relative to their terms.
 const NOTHING: f64 = 8.0 * f64::EPSILON;
 
@@ -166,6 +169,18 @@ impl View {
     pub(super) fn plane_in(&self, [x, y]: [f64; 2], per: f64) -> DVec2 {
         let (width, height) = (per * f64::from(self.width), per * f64::from(self.height));
         DVec2::new((x - width) * self.half.y / height, (height - y) * self.half.y / height)
+    }
+
+    /// Whether edges of cells and of the domain run along rows or columns of pixels near (P, Q) = `plane`:
+    /// those along an axis are seen in the direction in which a point that moves along it does.
+    pub(super) fn has_edges_along_pixels(&self, plane: DVec2) -> bool {
+        let Basis { forward, right, up } = self.basis;
+        let plane = if self.is_perspective { plane } else { DVec2::ZERO };
+        DVec3::AXES.into_iter().any(|axis| {
+            let seen = DVec2::new(axis.dot(right), axis.dot(up)) - plane * axis.dot(forward);
+            let seen = seen.abs();
+            seen.max_element() > 0.0 && seen.min_element() <= ALIKE * seen.max_element()
+        })
     }
 
     /// P and Q at the picture's right and upper edge; the others are their negatives.

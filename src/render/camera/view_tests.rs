@@ -202,6 +202,29 @@ fn a_target_beside_the_eye_steers_to_the_far_side() {
 }
 
 #[test]
+fn edges_along_pixels_are_told_by_where_they_lead() {
+    let is_along = |projection: Projection, eye: [&str; 3], up: DVec3, plane: [f64; 2]| {
+        let settings = CameraSettings { up, ..camera(projection, eye, ["0", "1", "1.5"]) };
+        let view = View::from_camera(&settings, 100, 100, &domain()).unwrap();
+        view.has_edges_along_pixels(DVec2::from_array(plane))
+    };
+    let flat = Projection::Orthographic { height: 1.0 };
+    let wide = Projection::Perspective { fov_degrees: 60.0 };
+    let (front, corner) = (["0", "1", "9"], ["2", "3.1", "4.2"]);
+    // Along an axis, upright and turned about it.
+    for projection in [flat, wide] {
+        assert!(is_along(projection, front, DVec3::Y, [0.3, 0.4]));
+        assert!(!is_along(projection, front, DVec3::new(1.0, 1.5, 0.0), [0.3, 0.4]));
+        assert!(!is_along(projection, corner, DVec3::new(0.5, 1.0, 0.0), [0.0, 0.1]));
+    }
+    // What stands upright does so where the view's middle is, and everywhere if rays are parallel.
+    for (plane, by_perspective) in [([0.02, 0.3], true), ([0.5, 0.3], false)] {
+        assert!(is_along(flat, corner, DVec3::Y, plane));
+        assert_eq!(is_along(wide, corner, DVec3::Y, plane), by_perspective);
+    }
+}
+
+#[test]
 fn wrong_cameras_are_refused() {
     let wide = Projection::Perspective { fov_degrees: 60.0 };
     let refuse = |settings: &CameraSettings| {

@@ -59,8 +59,8 @@ struct Alone {
     /// by together, without those of which nothing is known yet.
     variance: Sum,
     bend: [Sum; 4],
-    /// What those may be off by together whose rays lie at their centres, as edges may run beside all of
-    /// these: a standard deviation.
+    /// What those may be off by together whose rays lie at their centres, where edges may run beside all
+    /// of these: a standard deviation.
     aligned: Sum,
     /// How many these are.
     unknown: u32,
@@ -258,7 +258,7 @@ pub(super) struct Unevenness {
     /// left, right, upper and lower side. Rounded up.
     edges: [Half; 4],
     /// What it is off by as all others along an edge are: a standard deviation; 0 where its ray lies
-    /// beside its centre.
+    /// beside its centre, or no edges run along rows of these.
     aligned: Half,
 }
 
@@ -346,18 +346,19 @@ impl Unevenness {
     /// The unevenness of the `n`-th of these quarters alone, at whose sides so much is known. At those
     /// that are its pixel's own it keeps the edges that are known there, at others of the square a part
     /// of them, but for what its ray lies behind already; at its inner sides there may be what its rays
-    /// differ by from the others', as far as that is not smooth. Its ray may be `scattered`.
+    /// differ by from the others', as far as that is not smooth. Where it `is_aligned`, edges
+    /// may run along its ray and those of others.
     pub(super) fn of_quarter(
         &self,
         n: usize,
         quarters: [&[f64; 4]; 4],
         SquareSides { beyond, own }: SquareSides,
-        scattered: bool,
+        is_aligned: bool,
     ) -> Self {
         let edges = std::array::from_fn(|side| {
             let axis = side / 2;
             let most = if n >> axis & 1 == side % 2 {
-                let left = if own[side] || !scattered { 1.0 } else { EDGE_LEFT };
+                let left = if own[side] || is_aligned { 1.0 } else { EDGE_LEFT };
                 left * self.edges[side].value()
             } else {
                 let pairs = quarters[n].iter().zip(quarters[n ^ 1 << axis]);
@@ -367,7 +368,7 @@ impl Unevenness {
             Half::no_less(most.min(beyond[side]))
         });
         let most = edges.iter().map(|edge: &Half| edge.value()).fold(0.0, f64::max);
-        let aligned = Half::no_less(if scattered { 0.0 } else { UNSEEN * most });
+        let aligned = Half::no_less(if is_aligned { UNSEEN * most } else { 0.0 });
         Self { edges, aligned, ..*self }
     }
 
@@ -569,13 +570,13 @@ mod tests {
 
     #[test]
     fn squares_along_an_edge_are_off_alike_where_their_rays_lie_at_their_centres() {
-        let beside_edge = |scattered: bool| {
+        let beside_edge = |is_aligned: bool| {
             let sides = SquareSides { beyond: [1.0; 4], own: [false, true, false, false] };
             let around = Unevenness::of_edges([0.0, 1.0, 0.0, 0.0]);
-            around.of_quarter(1, [&[1.0; 4]; 4], sides, scattered)
+            around.of_quarter(1, [&[1.0; 4]; 4], sides, is_aligned)
         };
-        let likely = |scattered: bool| {
-            let square = Found { uneven: Some(beside_edge(scattered)), ..found(whole(), |_| 1.0) };
+        let likely = |is_aligned: bool| {
+            let square = Found { uneven: Some(beside_edge(is_aligned)), ..found(whole(), |_| 1.0) };
             let mut pixel = Pixel::default();
             (0..16).for_each(|_| pixel.leave(&square, 1.0 / 256.0));
             let likely = pixel.changeable(0.0);
@@ -584,8 +585,8 @@ mod tests {
             likely
         };
         // They cover a sixteenth of the pixel, which the edge may halve.
-        assert!((likely(true) - DEVIATIONS * UNSEEN / 64.0).abs() < 1e-3 * UNSEEN);
-        assert!(likely(false) > DEVIATIONS * UNSEEN / 16.0 && likely(false) > 0.3 / 16.0);
+        assert!((likely(false) - DEVIATIONS * UNSEEN / 64.0).abs() < 1e-3 * UNSEEN);
+        assert!(likely(true) > DEVIATIONS * UNSEEN / 16.0 && likely(true) > 0.3 / 16.0);
     }
 
     #[test]

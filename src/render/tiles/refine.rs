@@ -261,8 +261,7 @@ impl Sheet {
             self.note(batch, &outcome);
         }
         if !alone {
-            let tolerance = self.goal.map_or(0.0, |goal| goal.tolerance);
-            batch.hand_down(tolerance, self, &mut outcome);
+            batch.hand_down(grid, self, &mut outcome);
         }
         let scouts = self.group.and_then(|group| group.scouts);
         match scouts.filter(|_| !batch.wholes.is_empty()) {

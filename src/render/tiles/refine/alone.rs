@@ -30,7 +30,8 @@ impl Batch {
     /// Says of what has been found how uneven it is: what was known of it before, or what rays of
     /// the quarters of a square tell.
     /// `sheet` knows of whole pixels by their neighbours.
-    pub(super) fn hand_down(&self, tolerance: f64, sheet: &Sheet, outcome: &mut [Found]) {
+    pub(super) fn hand_down(&self, grid: &PixelGrid, sheet: &Sheet, outcome: &mut [Found]) {
+        let tolerance = sheet.goal.map_or(0.0, |goal| goal.tolerance);
         for (found, before) in outcome.iter_mut().zip(&self.again) {
             found.uneven = before.uneven;
         }
@@ -41,8 +42,10 @@ impl Batch {
             let off = quarters.iter().chain([whole]).map(|found| own(&found.shares()));
             let most = f64::from(whole.square.halvings).exp2() * ALONE_SHARE * tolerance;
             let uneven = (off.fold(0.0, f64::max) <= most).then_some(uneven);
+            // Their rays lie at their centres.
+            let is_aligned = grid.has_edges_along(&whole.square);
             let of_quarter = |n: usize, uneven: Unevenness| {
-                uneven.of_quarter(n, values, sheet.around(&quarters[n]), false)
+                uneven.of_quarter(n, values, sheet.around(&quarters[n]), is_aligned)
             };
             let each: [_; 4] = from_fn(|n| uneven.map(|uneven| of_quarter(n, uneven)));
             for (quarter, uneven) in quarters.iter_mut().zip(each) {
@@ -329,7 +332,7 @@ impl Sheet {
             self.doubt(whole, values);
             let uneven = Unevenness::of(&whole.value, self.known(whole), values);
             let uneven: [_; 4] =
-                from_fn(|n| uneven.of_quarter(n, values, self.around(&quarters[n]), true));
+                from_fn(|n| uneven.of_quarter(n, values, self.around(&quarters[n]), false));
             let pixel = &mut self.pixels[usize::from(whole.square.pixel)];
             pixel.learn(whole, &uneven, grid.weight(&whole.square), &mean);
             let uneven_quarter =
