@@ -188,11 +188,10 @@ impl PixelGrid {
         }
     }
 
-    /// Whether edges may run through a square along the rows of its quarters' centres, or through squares
-    /// beside it alike.
+    /// Whether edges may run through a square, or close beside it, along rows of its quarters' centres.
     pub(crate) fn has_edges_along(&self, square: &Square) -> bool {
-        let [x, y] = square.centre;
-        self.view.has_edges_along_pixels(self.view.plane(x, y))
+        let ([x, y], width) = (square.centre, 2.0 * square.half());
+        self.view.has_edges_along_pixels(self.view.plane(x, y), width * self.view.pixel())
     }
 
     /// What a ray's radiance counts for in its pixel.

@@ -4,7 +4,7 @@ use glam::{BVec3, DVec2, DVec3};
 
 use super::axis::axis_point;
 use super::frame::Frame;
-use crate::scene::{CameraSettings, Projection, Scene};
+use crate::scene::{CameraSettings, Interpolation, Projection, Scene};
 use crate::space::{Domain, FRACTION_BITS, Position};
 use crate::{Error, Result};
 
@@ -84,6 +84,8 @@ pub struct View {
     is_perspective: bool,
     /// P and Q at the picture's right and upper edge.
     half: DVec2,
+    /// Whether cells are seen as such, with edges of their own.
+    shows_cells: bool,
 }
 
 impl View {
@@ -93,7 +95,8 @@ impl View {
     /// Positions out of range, `look_at` at `position` (to the precision of positions), and an
     /// `up` along the view.
     pub fn new(scene: &Scene, domain: &Domain) -> Result<Self> {
-        Self::from_camera(&scene.camera, scene.image.width, scene.image.height, domain)
+        let view = Self::from_camera(&scene.camera, scene.image.width, scene.image.height, domain)?;
+        Ok(Self { shows_cells: scene.render.interpolation == Interpolation::Cell, ..view })
     }
 
     /// The camera in `domain`, for a picture of `width`×`height` pixels.
@@ -139,6 +142,7 @@ impl View {
             basis: basis(ahead, camera.up)?,
             is_perspective,
             half: DVec2::new(f64::from(width) * half_height / f64::from(height), half_height),
+            shows_cells: false,
         })
     }
 
@@ -171,16 +175,49 @@ impl View {
         DVec2::new((x - width) * self.half.y / height, (height - y) * self.half.y / height)
     }
 
-    /// Whether edges of cells and of the domain run along rows or columns of pixels near (P, Q) = `plane`:
-    /// those along an axis are seen in the direction in which a point that moves along it does.
-    pub(super) fn has_edges_along_pixels(&self, plane: DVec2) -> bool {
+    /// Whether edges may run along rows or columns of pixels within `reach` of (P, Q) = `plane`: all
+    /// that there are along an axis are seen in the direction in which a point that moves along it does.
+    pub(super) fn has_edges_along_pixels(&self, plane: DVec2, reach: f64) -> bool {
         let Basis { forward, right, up } = self.basis;
-        let plane = if self.is_perspective { plane } else { DVec2::ZERO };
-        DVec3::AXES.into_iter().any(|axis| {
-            let seen = DVec2::new(axis.dot(right), axis.dot(up)) - plane * axis.dot(forward);
-            let seen = seen.abs();
-            seen.max_element() > 0.0 && seen.min_element() <= ALIKE * seen.max_element()
+        let at = if self.is_perspective { plane } else { DVec2::ZERO };
+        (0..3).any(|axis| {
+            let along = DVec2::new(right[axis], up[axis]) - at * forward[axis];
+            let [least, most] = [along.abs().min_element(), along.abs().max_element()];
+            most > 0.0
+                && least <= ALIKE * most
+                && (self.shows_cells || self.is_by_domains_edge(plane, reach, axis))
         })
+    }
+
+    /// Whether the line of an edge of the domain along an axis is within `reach` of (P, Q) = `plane`.
+    fn is_by_domains_edge(&self, plane: DVec2, reach: f64, axis: usize) -> bool {
+        let Basis { forward, right, up } = self.basis;
+        let along = DVec3::AXES[axis];
+        (0..4).any(|n| {
+            let mut corner = Position([0; 3]);
+            for side in 0..2 {
+                let across = (axis + 1 + side) % 3;
+                corner.0[across] =
+                    if n >> side & 1 == 1 { self.domain.upper().0[across] } else { 0 };
+            }
+            let corner = self.domain.difference(&corner, &self.position);
+            // The line is seen where rays lie in the plane with this normal through the eye; or, if they
+            // are parallel, in that along them.
+            let (normal, off) = if self.is_perspective {
+                let normal = corner.cross(along);
+                (normal, normal.dot(forward))
+            } else {
+                let normal = along.cross(forward);
+                (normal, -normal.dot(corner))
+            };
+            let normal = DVec2::new(normal.dot(right), normal.dot(up));
+            (normal.dot(plane) + off).abs() <= reach * normal.length()
+        })
+    }
+
+    /// A pixel's width, in the units of P and Q.
+    pub(super) fn pixel(&self) -> f64 {
+        2.0 * self.half.y / f64::from(self.height)
     }
 
     /// P and Q at the picture's right and upper edge; the others are their negatives.
@@ -237,7 +274,7 @@ impl View {
     /// Height of a pixel's footprint at `depth` (code length along the view direction from the
     /// eye), code length; 0 behind the eye of a perspective view.
     pub fn pixel_size_at(&self, depth: f64) -> f64 {
-        let pixel = 2.0 * self.half.y / f64::from(self.height);
+        let pixel = self.pixel();
         if self.is_perspective { pixel * depth.max(0.0) } else { pixel }
     }
 }

@@ -6,7 +6,7 @@ use num_traits::ToPrimitive;
 use proptest::prelude::*;
 
 use super::view::View;
-use crate::scene::{CameraSettings, Projection};
+use crate::scene::{CameraSettings, Projection, Scene};
 use crate::space::{Decimal, Domain, Position};
 
 /// Fraction bits of the fixed-point numbers that the twin computes with.
@@ -203,24 +203,38 @@ fn a_target_beside_the_eye_steers_to_the_far_side() {
 
 #[test]
 fn edges_along_pixels_are_told_by_where_they_lead() {
-    let is_along = |projection: Projection, eye: [&str; 3], up: DVec3, plane: [f64; 2]| {
-        let settings = CameraSettings { up, ..camera(projection, eye, ["0", "1", "1.5"]) };
-        let view = View::from_camera(&settings, 100, 100, &domain()).unwrap();
-        view.has_edges_along_pixels(DVec2::from_array(plane))
+    // x from −0.4 to 0.6, y from 0 to 1.5, z from 1 to 2.
+    let is_along = |cells: &str, camera: &str, plane: [f64; 2]| {
+        let text = format!(
+            "[image]\nwidth = 100\nheight = 100\n[camera]\nlook_at = [0.0, 1.0, 1.5]\n{camera}\n\
+             [render]\ninterpolation = \"{cells}\"\n[[volume]]\nfield = \"x\"\nscale = \"linear\"\n"
+        );
+        let view = View::new(&Scene::parse(&text, "scene").unwrap(), &domain()).unwrap();
+        view.has_edges_along_pixels(DVec2::from_array(plane), view.pixel())
     };
-    let flat = Projection::Orthographic { height: 1.0 };
-    let wide = Projection::Perspective { fov_degrees: 60.0 };
-    let (front, corner) = (["0", "1", "9"], ["2", "3.1", "4.2"]);
-    // Along an axis, upright and turned about it.
-    for projection in [flat, wide] {
-        assert!(is_along(projection, front, DVec3::Y, [0.3, 0.4]));
-        assert!(!is_along(projection, front, DVec3::new(1.0, 1.5, 0.0), [0.3, 0.4]));
-        assert!(!is_along(projection, corner, DVec3::new(0.5, 1.0, 0.0), [0.0, 0.1]));
+    let flat = "projection = \"orthographic\"\nheight = 3.0\n";
+    let wide = "fov = 40.0\n";
+    let front = |lens: &str, up: [f64; 3]| format!("{lens}position = [0.0, 1.0, 6.0]\nup = {up:?}");
+    let corner =
+        |lens: &str, up: [f64; 3]| format!("{lens}position = [2.0, 3.1, 4.2]\nup = {up:?}");
+    const UPRIGHT: [f64; 3] = [0.0, 1.0, 0.0];
+    // Cells along an axis, upright and turned about it.
+    for lens in [flat, wide] {
+        assert!(is_along("cell", &front(lens, UPRIGHT), [0.3, 0.2]));
+        assert!(!is_along("cell", &front(lens, [1.0, 1.5, 0.0]), [0.3, 0.2]));
+        assert!(!is_along("cell", &corner(lens, [0.5, 1.0, 0.0]), [0.0, 0.1]));
+        assert!(!is_along("linear", &front(lens, UPRIGHT), [0.05, -0.02]));
     }
     // What stands upright does so where the view's middle is, and everywhere if rays are parallel.
-    for (plane, by_perspective) in [([0.02, 0.3], true), ([0.5, 0.3], false)] {
-        assert!(is_along(flat, corner, DVec3::Y, plane));
-        assert_eq!(is_along(wide, corner, DVec3::Y, plane), by_perspective);
+    for (plane, by_perspective) in [([0.01, 0.3], true), ([0.3, 0.3], false)] {
+        assert!(is_along("cell", &corner(flat, UPRIGHT), plane));
+        assert_eq!(is_along("cell", &corner(wide, UPRIGHT), plane), by_perspective);
+    }
+    // The domain's sides, of which the nearest is 4 from the eye.
+    for (lens, depth) in [(flat, 1.0), (wide, 4.0)] {
+        assert!(is_along("linear", &front(lens, UPRIGHT), [0.601 / depth, 0.3]));
+        assert!(!is_along("linear", &front(lens, UPRIGHT), [0.68 / depth, 0.3]));
+        assert!(is_along("linear", &front(lens, UPRIGHT), [0.2, -0.999 / depth]));
     }
 }
 
