@@ -311,7 +311,7 @@ fn into_inner<T>(mutex: Mutex<T>) -> T {
     mutex.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
-/// The largest of the tiles' errors.
+/// The largest of the tiles' errors, and what their pixels need together.
 fn worst(errors: &[TileError]) -> TileError {
     errors.iter().fold(TileError::default(), |most, error| TileError {
         shares: if most.shares.total() >= error.shares.total() {
@@ -320,9 +320,9 @@ fn worst(errors: &[TileError]) -> TileError {
             error.shares
         },
         estimate: most.estimate.max(error.estimate),
-        power: most.power.max(error.power),
-        rays_needed: most.rays_needed.max(error.rays_needed),
-        beyond: most.beyond.max(error.beyond),
+        fallen: std::array::from_fn(|n| most.fallen[n] + error.fallen[n]),
+        rays_needed: most.rays_needed + error.rays_needed,
+        beyond: most.beyond + error.beyond,
     })
 }
 

@@ -157,17 +157,19 @@ pub(crate) struct PixelGrid {
 impl PixelGrid {
     /// The pixels of `view`, with the rays that `samples` asks for.
     pub(crate) fn new(view: &View, samples: Samples) -> Self {
+        let size = [view.width(), view.height()];
         let tile = match samples {
-            Samples::Area => area_tile([view.width(), view.height()]),
-            Samples::Grid(n) => [TILE_SIDE / n.clamp(1, TILE_SIDE); 2],
+            Samples::Area => area_tile(size),
+            Samples::Grid(n) => four_tiles(size, TILE_SIDE / n.clamp(1, TILE_SIDE)),
         };
         Self { view: view.clone(), samples, tile, part: 1.0 }
     }
 
     /// The pixels of `view` as samples of those of a larger picture: each has the area of one that
-    /// is `part` as wide. They are in as few tiles as there can be.
+    /// is `part` as wide. They are in few tiles, since each judges for itself.
     pub(crate) fn sparse(view: &View, part: f64) -> Self {
-        Self { part, tile: [TILE_SIDE; 2], ..Self::new(view, Samples::Area) }
+        let tile = four_tiles([view.width(), view.height()], TILE_SIDE);
+        Self { part, tile, ..Self::new(view, Samples::Area) }
     }
 
     /// The camera.
@@ -335,6 +337,15 @@ fn area_tile(size: [u32; 2]) -> [u32; 2] {
     size.map(|size| size.div_ceil(size.div_ceil(side).max(1)).max(1))
 }
 
+/// Width and height of tiles of at most `side` pixels along an edge, but of a quarter of the picture where
+/// that were one tile: for as many threads.
+fn four_tiles(size: [u32; 2], side: u32) -> [u32; 2] {
+    if size.iter().any(|&size| size > side) {
+        return [side; 2];
+    }
+    size.map(|size| size.div_ceil(2).max(1))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -348,12 +359,13 @@ mod tests {
     }
 
     #[test]
-    fn pixels_that_are_samples_of_others_are_one_tile() {
-        for (width, height) in [(1, 1), (7, 24), (24, 24), (TILE_SIDE, TILE_SIDE)] {
-            let sparse = PixelGrid::sparse(&view(&scene("", width, height)), 0.5);
-            assert_eq!(sparse.tiles(), 1, "{width}x{height}");
-            let tile = sparse.tile(0);
-            assert_eq!((tile.columns(), tile.rows()), (0..width, 0..height));
+    fn what_were_one_tile_is_four() {
+        let sizes = [(1, 1, 1), (7, 24, 4), (24, 1, 2), (TILE_SIDE, TILE_SIDE, 4), (65, 64, 2)];
+        for (width, height, tiles) in sizes {
+            let view = view(&scene("", width, height));
+            for grid in [PixelGrid::sparse(&view, 0.5), PixelGrid::new(&view, Samples::Grid(1))] {
+                assert_eq!(grid.tiles(), tiles, "{width}x{height}");
+            }
         }
     }
 

@@ -12,6 +12,8 @@ const FIRST_LIMIT: f64 = 0.3;
 /// smaller limits, which should find it in as many digits as before.
 const FIRST_DIGITS: f64 = 0.15;
 const FIRST_DIGITS_OF_AREAS: f64 = 0.04;
+/// The slowest that bounds are taken to fall: with this power of the number of rays.
+const SLOWEST: f64 = 0.05;
 /// Cuts that allow less than this part of the goal for a brick are none.
 const SMALLEST_LIMIT: f64 = 1e-7;
 
@@ -26,6 +28,8 @@ pub(crate) struct Goal {
     pub(crate) rays_per_pixel: u64,
     /// Rays that a tile takes at most for each of its pixels, where these stand for themselves.
     pub(crate) alone_per_pixel: u64,
+    /// How often a pixel is halved at most for rays that stand for areas.
+    pub(crate) most_halvings: u8,
     /// How often a pixel is halved at least for rays that stand for themselves.
     pub(crate) least_halvings: u8,
     /// How often a pixel is halved that is dark and may not be, by its bound.
@@ -80,6 +84,13 @@ impl Method {
     }
 }
 
+/// The power of the number of rays that bounds fall with, of what they were before each square was
+/// quartered and after: 1 where they are second order in the square's width, and far more where
+/// what is small and bright leaves most of the quarters. None before any was.
+pub(crate) fn power([before, after]: [f64; 2]) -> Option<f64> {
+    (before > 0.0).then(|| ((before / after).ln() / 4f64.ln()).max(SLOWEST))
+}
+
 /// How far a tile's worst pixel is off.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct TileError {
@@ -87,10 +98,10 @@ pub(crate) struct TileError {
     pub(crate) shares: ErrorShares,
     /// In all likelihood, where that bound is above the tolerance.
     pub(crate) estimate: f64,
-    /// The power of the number of rays that bounds of areas have fallen with.
-    pub(crate) power: f64,
-    /// How many rays pixels need on average if bounds go on to fall so.
+    /// What bounds of areas were in all before squares were quartered, and after.
+    pub(crate) fallen: [f64; 2],
+    /// How many rays its pixels need in all if bounds go on to fall so.
     pub(crate) rays_needed: f64,
-    /// The part of pixels that need more than any may take.
-    pub(crate) beyond: f64,
+    /// How many of its pixels need more than any may take.
+    pub(crate) beyond: u64,
 }

@@ -8,7 +8,7 @@ use crate::render::camera::rays::PixelGrid;
 use crate::render::camera::view::View;
 use crate::render::plan::cut::{Cut, FootprintCut};
 use crate::render::plan::effort::Effort;
-use crate::render::plan::goal::{Goal, Method, TileError};
+use crate::render::plan::goal::{Goal, Method, power};
 use crate::render::transfer::pieces::TransferPieces;
 use crate::render::{EXACT, largest_value};
 use crate::scene::{Samples, Scene, Tolerance};
@@ -24,13 +24,25 @@ const SKETCH_RAYS: u64 = 16;
 /// What counts of what single or few rays have met: the mean of a pixel may be less.
 const OF_RAYS: f64 = 0.5;
 /// Pixels along an edge that an outlook is taken from: few, which mostly say that areas are out of
-/// reach, then enough for an average, and not enough to meet all bricks of a large set. And rays for
-/// each of them.
+/// reach, then enough for an average, and not enough to meet all bricks of a large set.
 const OUTLOOKS: [u32; 2] = [8, 24];
-const OUTLOOK_RAYS: u64 = 5;
+/// The rays for each of them: one and its quarters, each marched again and again through finer levels.
+const OUTLOOK_RAYS: u64 = 64;
+/// Few pixels that need this many times the rays that bounds are worth say so for all.
+const FAR_OUT: f64 = 4.0;
 /// What is sure of the picture's largest value is less by what it may be off by itself: the part of the
 /// tolerance that is tried allows for that, and for a little more.
 const SURE: f64 = 0.97;
+
+/// How bounds of pixels' areas will fall, by a few pixels.
+struct Outlook {
+    /// How many rays pixels need on average.
+    rays_needed: f64,
+    /// The power of the number of rays that bounds fall with.
+    power: f64,
+    /// Whether no pixel needs more rays than any may take.
+    is_within_reach: bool,
+}
 
 impl Renderer<'_> {
     /// The goal by glances, before anything is known of pixels' areas.
@@ -65,6 +77,7 @@ impl Renderer<'_> {
             behind: glance,
             rays_per_pixel: effort.most,
             alone_per_pixel: effort.most_alone,
+            most_halvings: u8::MAX,
             least_halvings: effort.least_halvings,
             glint_halvings: effort.glint_halvings,
             certifies: true,
@@ -137,33 +150,43 @@ impl Renderer<'_> {
     ) -> Result<()> {
         let size = self.scene.image.width.max(self.scene.image.height);
         let [few, enough] = OUTLOOKS;
-        let mut outlook = TileError::default();
+        let worthwhile = effort.worthwhile as f64;
         for pixels in [few, enough].into_iter().filter(|&n| n == enough || 2 * n <= size) {
-            outlook = self.outlook(pixels, goal, transfer)?;
-            if outlook.beyond > 0.0 {
+            let outlook = self.outlook(pixels, goal, transfer)?;
+            goal.power = outlook.power;
+            goal.certifies = outlook.is_within_reach && outlook.rays_needed <= worthwhile;
+            if !outlook.is_within_reach || outlook.rays_needed > FAR_OUT * worthwhile {
                 break;
             }
         }
-        let is_worthwhile = outlook.rays_needed <= effort.worthwhile as f64;
-        goal.certifies = outlook.beyond == 0.0 && is_worthwhile;
         goal.rays_per_pixel = if goal.certifies { effort.most_certified } else { effort.scouting };
-        goal.power = outlook.power;
         Ok(())
     }
 
     /// What a few pixels, quartered once, say of how bounds of pixels' areas will fall: so many along
     /// an edge, no more than a tile has.
-    fn outlook(&self, pixels: u32, goal: &Goal, transfer: &TransferPieces) -> Result<TileError> {
+    fn outlook(&self, pixels: u32, goal: &Goal, transfer: &TransferPieces) -> Result<Outlook> {
         let (scene, part) = self.small(pixels);
         let view = View::new(&scene, &self.cache.header().domain)?;
         let pixels = PixelGrid::sparse(&view, part);
-        let quartered = Goal { rays_per_pixel: OUTLOOK_RAYS, alone_per_pixel: 1, ..*goal };
+        let quartered = Goal {
+            rays_per_pixel: OUTLOOK_RAYS,
+            alone_per_pixel: 1,
+            most_halvings: 1,
+            certifies: true,
+            power: f64::INFINITY,
+            ..*goal
+        };
         let mut picture =
             self.picture(&pixels, transfer, Method::Within(quartered), Some(goal.tolerance), None)?;
         picture.light.packets = Some(self.packets_for(goal));
         picture.draw(self.threads, self.plan.readers, &|_| true, &mut [])?;
-        // It is one tile.
-        Ok(worst(&lock(&picture.errors)))
+        let all = worst(&lock(&picture.errors));
+        Ok(Outlook {
+            rays_needed: all.rays_needed / (f64::from(view.width()) * f64::from(view.height())),
+            power: power(all.fallen).unwrap_or(1.0),
+            is_within_reach: all.beyond == 0,
+        })
     }
 
     /// The scene, in a picture of at most so many pixels along an edge, and how wide its own pixels are

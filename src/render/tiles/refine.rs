@@ -7,7 +7,7 @@ mod prospect;
 mod rim;
 
 use self::neighbours::{First, MOST_BLOCKS};
-use self::prospect::{GroupInHand, power};
+use self::prospect::GroupInHand;
 use self::rim::Rim;
 use super::pixel::Pixel;
 use super::waiting::{FEW_PIXELS, Found, GROUP_PIXELS, ToDo, Urgency, Waiting};
@@ -16,7 +16,7 @@ use crate::render::bounds::ray_error::ErrorShares;
 use crate::render::camera::pixel_order::PixelOrder;
 use crate::render::camera::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
 use crate::render::plan::cut::Cut;
-use crate::render::plan::goal::{Goal, Method, TileError};
+use crate::render::plan::goal::{Goal, Method, TileError, power};
 
 /// The part of a pixel's error that may come from levels, of what levels and area may be off by.
 const LEVELS_SHARE: f64 = 0.5;
@@ -310,7 +310,10 @@ impl Sheet {
                 continue;
             }
             for found in found {
-                let is_taken = is_taken || movable(&found.shares(), care) <= room;
+                let is_last = |goal: Goal| found.square.halvings >= goal.most_halvings;
+                let is_taken = is_taken
+                    || movable(&found.shares(), care) <= room
+                    || self.goal.is_some_and(is_last);
                 if !is_taken && grid.has_area() && found.square.halvings < MOST_HALVINGS {
                     next.quartered.push(*found);
                 } else if !is_taken && can_be_finer {
@@ -342,7 +345,7 @@ impl Sheet {
     pub(crate) fn error(&self) -> TileError {
         let tolerance = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
         let power = power(self.fallen).unwrap_or(1.0);
-        let mut error = TileError { power, ..TileError::default() };
+        let mut error = TileError { fallen: self.fallen, ..TileError::default() };
         for (n, pixel) in self.pixels.iter().enumerate() {
             let shares = pixel.bound();
             let total = shares.total();
@@ -352,9 +355,9 @@ impl Sheet {
             let likely = if total > tolerance { pixel.estimate() } else { total };
             error.estimate = error.estimate.max(likely);
             let times = (shares.pixel_area / tolerance).powf(power.recip());
-            let (rays, part) = (self.marched(n) * times, (self.pixels.len() as f64).recip());
-            error.rays_needed += rays.clamp(1.0, MOST_NEEDED) * part;
-            error.beyond += if rays > MOST_NEEDED { part } else { 0.0 };
+            let rays = self.marched(n) * times;
+            error.rays_needed += rays.clamp(1.0, MOST_NEEDED);
+            error.beyond += u64::from(rays > MOST_NEEDED);
         }
         error
     }

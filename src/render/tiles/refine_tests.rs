@@ -85,6 +85,7 @@ fn goal(rays_per_pixel: u64, all_levels: bool) -> Goal {
         behind,
         rays_per_pixel,
         alone_per_pixel,
+        most_halvings: u8::MAX,
         least_halvings: 0,
         glint_halvings: 0,
         certifies: true,

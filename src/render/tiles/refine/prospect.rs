@@ -2,14 +2,12 @@
 
 use super::{Batch, GROUP_PIXELS, Goal, Sheet, movable};
 use crate::render::camera::rays::PixelGrid;
+use crate::render::plan::goal::power;
 use crate::render::tiles::waiting::Found;
 
 /// Bounds that fall with a larger power of the number of rays fall fast: squares leave something
 /// behind that is small and bright.
 const FAST: f64 = 2.0;
-/// The slowest that bounds are taken to fall: with this power of the number of rays.
-const SLOWEST: f64 = 0.05;
-
 /// Bounds of this many times the light that was expected say that something may shine that has not
 /// been seen.
 const UNSEEN: f64 = 10.0;
@@ -29,13 +27,6 @@ pub(super) struct GroupInHand {
     /// Where there is no prospect of the tolerance: what its pixels may be off by, in the median.
     /// What stands out is still scouted for.
     pub(super) scouts: Option<f64>,
-}
-
-/// The power of the number of rays that bounds fall with, of what they were before each square was
-/// quartered and after: 1 where they are second order in the square's width, and far more where
-/// what is small and bright leaves most of the quarters. None before any was.
-pub(super) fn power([before, after]: [f64; 2]) -> Option<f64> {
-    (before > 0.0).then(|| ((before / after).ln() / 4f64.ln()).max(SLOWEST))
 }
 
 impl Sheet {
