@@ -301,8 +301,12 @@ impl PixelGrid {
         PixelRect { lo, hi }
     }
 
-    /// The last of the tiles, in their order, that have pixels of `rect`.
+    /// The last of the tiles, in their order, that have pixels of `rect`; with no more than four none is
+    /// the last, as small pictures are drawn to be followed by others of the same view.
     pub(crate) fn last_tile(&self, rect: &PixelRect) -> u64 {
+        if self.tiles() <= FEW_TILES {
+            return u64::MAX;
+        }
         let [columns, rows] = self.tile_counts().map(u64::from);
         let last = |a: usize| u64::from(rect.hi[a].saturating_sub(1) / self.tile[a]);
         let (column, row) = (last(0), last(1));
@@ -316,6 +320,9 @@ impl PixelGrid {
         [self.view.width().div_ceil(width), self.view.height().div_ceil(height)]
     }
 }
+
+/// Tiles of a picture that were one.
+const FEW_TILES: u64 = 4;
 
 /// Tiles that a picture of areas has at least, however small it is, and their least edge, pixels: its
 /// pixels may take thousands of rays, and threads share nothing smaller than tiles. Not the number of
@@ -404,6 +411,8 @@ mod tests {
                 assert_eq!((0..grid.tiles()).rfind(has_some), Some(grid.last_tile(&rect)));
             }
         }
+        let grid = PixelGrid::new(&view(&scene("samples = 1", 64, 64)), Samples::Grid(1));
+        assert_eq!(grid.last_tile(&grid.tile(0)), u64::MAX);
     }
 
     #[test]
