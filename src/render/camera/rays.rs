@@ -159,10 +159,21 @@ impl PixelGrid {
     pub(crate) fn new(view: &View, samples: Samples) -> Self {
         let size = [view.width(), view.height()];
         let tile = match samples {
-            Samples::Area => area_tile(size),
+            Samples::Area => area_tile(size, 0),
             Samples::Grid(n) => four_tiles(size, TILE_SIDE / n.clamp(1, TILE_SIDE)),
         };
         Self { view: view.clone(), samples, tile, part: 1.0 }
+    }
+
+    /// The same in smaller tiles, if they are of areas and would hold many of so many bricks: the rays of
+    /// areas come through a tile's bricks again and again, which are loaded once if they have room together.
+    pub(crate) fn among(self, bricks: u64) -> Self {
+        match self.samples {
+            Samples::Area => {
+                Self { tile: area_tile([self.view.width(), self.view.height()], bricks), ..self }
+            }
+            Samples::Grid(_) => self,
+        }
     }
 
     /// The pixels of `view` as samples of those of a larger picture: each has the area of one that
@@ -329,13 +340,23 @@ const FEW_TILES: u64 = 4;
 /// threads decides, which pictures do not depend on.
 const FEWEST_TILES: u64 = 12;
 const LEAST_TILE_SIDE: u32 = 16;
+/// Bricks behind a tile of areas, about, if all of the data lay in the picture one beside the other. A ray
+/// passes many: a tile meets some times as many. Not the memory limit decides, which pictures do not depend
+/// on.
+const MOST_BRICKS: u64 = 512;
 
-/// Width and height of the tiles of a picture of areas that has so many columns and rows. Where they
-/// are smaller than others they are alike: pixels in what would be left over had few neighbours.
-fn area_tile(size: [u32; 2]) -> [u32; 2] {
+/// Width and height of the tiles of a picture of areas that has so many columns and rows, of data that
+/// has so many bricks. Where they are smaller than others they are alike: pixels in what would be left
+/// over had few neighbours.
+fn area_tile(size: [u32; 2], bricks: u64) -> [u32; 2] {
     let pixels = u64::from(size[0]) * u64::from(size[1]);
     let mut side = TILE_SIDE;
-    while side > LEAST_TILE_SIDE && pixels < FEWEST_TILES * u64::from(side).pow(2) {
+    let is_large = |side: u32| {
+        let of_tile = u64::from(side).pow(2);
+        pixels < FEWEST_TILES * of_tile
+            || bricks.saturating_mul(of_tile) > MOST_BRICKS.saturating_mul(pixels)
+    };
+    while side > LEAST_TILE_SIDE && is_large(side) {
         side /= 2;
     }
     if side == TILE_SIDE {
@@ -361,8 +382,20 @@ mod tests {
     #[test]
     fn small_pictures_have_smaller_tiles_that_are_alike() {
         let tiles = [[9, 7], [33, 20], [64, 64], [130, 100], [320, 180], [1920, 1080]];
-        let tiles = tiles.map(area_tile);
+        let tiles = tiles.map(|size| area_tile(size, 0));
         assert_eq!(tiles, [[9, 7], [11, 10], [16, 16], [26, 25], [64, 64], [64, 64]]);
+    }
+
+    #[test]
+    fn tiles_of_areas_hold_few_of_many_bricks() {
+        let tiles = |bricks: u64| [[480, 270], [1920, 1080]].map(|size| area_tile(size, bricks));
+        assert_eq!(tiles(10_000), [[64, 64], [64, 64]]);
+        assert_eq!(tiles(40_000), [[32, 30], [64, 64]]);
+        assert_eq!(tiles(150_000), [[16, 16], [64, 64]]);
+        assert_eq!(tiles(u64::MAX), [[16, 16], [16, 16]]);
+        let view = view(&scene("", 480, 270));
+        let single = |bricks| PixelGrid::new(&view, Samples::Grid(1)).among(bricks).tiles();
+        assert_eq!(single(150_000), single(0));
     }
 
     #[test]
