@@ -606,6 +606,30 @@ fn areas_around_the_axis_are_within_their_bound() {
     assert!(5 * certified > 2 * pictures, "{certified} of {pictures} pictures are certified");
 }
 
+#[test]
+fn the_domains_side_along_a_column_of_pixels_covers_its_part_of_them() {
+    let subject = Subject::new("[[density]]\nkind = \"constant\"\nvalue = 2.0\n");
+    // Pixels a tenth wide; the domain ends at x = 1, and all of its depth is opaque.
+    for (x, covered) in [(0.93, 0.2), (0.9, 0.5), (0.917, 0.33), (0.958, 0.92)] {
+        for interpolation in ["linear", "cell"] {
+            let scene = format!(
+                "[image]\nwidth = 9\nheight = 7\n[camera]\nprojection = \"orthographic\"\n\
+                 position = [{x}, 0.5, -2.0]\nlook_at = [{x}, 0.5, 0.5]\nheight = 0.7\n\
+                 [render]\ntolerance = \"1%\"\nsamples = \"area\"\n\
+                 interpolation = \"{interpolation}\"\n[[volume]]\nfield = \"Density\"\n\
+                 scale = \"linear\"\nrange = [0.0, 4.0]\nabsorption = [[0.0, 50.0], [1.0, 50.0]]\n"
+            );
+            let film = subject.drawn(&scene).unwrap().film;
+            // Each row has whole pixels, one that is covered in part, and empty ones.
+            for row in film.pixels().chunks_exact(9) {
+                let whole = row.iter().filter(|pixel| pixel[3] > 0.99).count() as f64;
+                let found = row.iter().map(|pixel| f64::from(pixel[3])).sum::<f64>() - whole;
+                assert!((found - covered).abs() < 0.01, "{found}, not {covered}: {interpolation}");
+            }
+        }
+    }
+}
+
 /// A picture of the areas of 32 by 32 pixels, `height` high, of values between 4.2 and 4.4; or of n by n
 /// rays.
 fn shell(height: f64, samples: &str) -> String {

@@ -232,6 +232,11 @@ impl ErrorShares {
             + self.rounding
     }
 
+    /// All but what pixels' areas are off by, which may be without limit.
+    pub(crate) fn beside_area(&self) -> f64 {
+        Self { pixel_area: 0.0, ..*self }.total()
+    }
+
     /// Adds `weight` times another's.
     pub(crate) fn add(&mut self, other: &Self, weight: f64) {
         self.levels += weight * other.levels;
@@ -449,6 +454,10 @@ mod tests {
             );
         }
         assert_eq!((rounded[1], rounded[5]), (0.0, 1.0));
+        // What f32 cannot hold has no limit, and takes nothing from what is beside it.
+        let wide = ErrorShares { pixel_area: 1e39, rounding: 1.0, ..ErrorShares::default() };
+        let wide: ErrorShares = RayShares::from(wide).into();
+        assert_eq!((wide.total(), wide.beside_area()), (f64::INFINITY, 1.0));
     }
 
     #[test]

@@ -109,7 +109,7 @@ impl Pixel {
         match &found.uneven {
             Some(uneven) => {
                 self.alone.count(uneven, weight, 1.0);
-                self.alone.own.add(weight * own(&found.shares()));
+                self.alone.own.add(weight * found.own());
                 if found.square.halvings == 1 {
                     self.alone.first = Some(4.0 * uneven.variance(weight));
                 }
@@ -142,7 +142,7 @@ impl Pixel {
         match &whole.uneven {
             Some(uneven) => {
                 alone.count(uneven, weight, -1.0);
-                alone.own.add(-weight * own(&whole.shares()));
+                alone.own.add(-weight * whole.own());
             }
             None => alone.unknown = alone.unknown.saturating_sub(1),
         }
@@ -152,7 +152,7 @@ impl Pixel {
         if whole.square.halvings == 0 {
             alone.first = Some(quarters.iter().map(|quarter| quarter.variance(0.25)).sum());
         }
-        alone.own.add(weight * own(shares));
+        alone.own.add(weight * shares.beside_area());
     }
 
     /// Takes the whole of it, which was left, by its centre's ray: its neighbours tell how it varies, and
@@ -161,7 +161,7 @@ impl Pixel {
         let alone = &mut self.alone;
         alone.unknown = alone.unknown.saturating_sub(1);
         alone.count(foretold, 1.0, 1.0);
-        alone.own.add(own(&found.shares()) + doubt);
+        alone.own.add(found.own() + doubt);
         self.draw(found, 1.0);
     }
 
@@ -206,8 +206,8 @@ impl Pixel {
     /// What it will be off by beside its mean once a square left, `weight` of the pixel, is known
     /// by rays that may be off by `shares`.
     pub(super) fn beside_mean_with(&self, whole: &Found, weight: f64, shares: &ErrorShares) -> f64 {
-        let known = whole.uneven.map_or(0.0, |_| own(&whole.shares()));
-        self.beside_mean() + weight * (own(shares) - known)
+        let known = whole.uneven.map_or(0.0, |_| whole.own());
+        self.beside_mean() + weight * (shares.beside_area() - known)
     }
 
     /// What it is off by as far as its rays tell, and not more than the bound.
@@ -223,11 +223,6 @@ fn likely_error(unknown: u32, variance: f64, aligned: f64, bend: [f64; 4]) -> f6
     }
     let most_bend = bend.iter().fold(0.0, |most: f64, bend| most.max(bend.abs()));
     DEVIATIONS * (variance.max(0.0) + aligned * aligned).sqrt() + most_bend
-}
-
-/// What a ray may be off by itself.
-pub(super) fn own(shares: &ErrorShares) -> f64 {
-    shares.total() - shares.pixel_area
 }
 
 fn add(sum: &mut [f64; 4], value: &[f64; 4], weight: f64) {

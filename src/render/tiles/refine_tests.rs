@@ -145,6 +145,24 @@ fn a_tile_that_is_good_enough_takes_one_ray_a_pixel() {
 }
 
 #[test]
+fn an_outlook_quarters_pixels_once_whatever_finer_levels_took() {
+    // Each first ray is marched again and again for levels.
+    let errors = Errors { area: vec![20.0], order: 2, levels: 30.0, digits: 1.0, fixed: 0.0 };
+    let quartered = |rays_per_pixel: u64| {
+        let goal = goal(rays_per_pixel, false);
+        let outlook = Goal { most_halvings: 1, alone_per_pixel: 1, has_area: true, ..goal };
+        let mut sheet = Sheet::default();
+        draw(&mut sheet, "\"area\"", outlook, &errors);
+        let marched: Vec<_> = (0..63).map(|pixel| sheet.marched(pixel)).collect();
+        assert!(marched.iter().all(|&rays| rays == 1.0 || rays == 5.0), "{marched:?}");
+        marched.iter().filter(|&&rays| rays == 5.0).count()
+    };
+    // Others are good enough, or their bounds fall too slowly.
+    let (few, many) = (quartered(3), quartered(64));
+    assert!(few < many && many > 40, "{few} {many}");
+}
+
+#[test]
 fn levels_and_digits_are_made_finer_each_for_what_it_is_off_by() {
     let scene = scene("samples = 1", 9, 7);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);

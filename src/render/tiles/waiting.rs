@@ -44,6 +44,11 @@ impl Found {
     pub(super) fn shares(&self) -> ErrorShares {
         self.shares.into()
     }
+
+    /// What its ray may be off by itself.
+    pub(super) fn own(&self) -> f64 {
+        self.shares().beside_area()
+    }
 }
 
 /// What is to be done with squares.

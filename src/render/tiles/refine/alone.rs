@@ -8,7 +8,7 @@ use crate::render::bounds::grade::Care;
 use crate::render::bounds::ray_error::ErrorShares;
 use crate::render::camera::rays::PixelGrid;
 use crate::render::plan::goal::Goal;
-use crate::render::tiles::pixel::{Pixel, Unevenness, own};
+use crate::render::tiles::pixel::{Pixel, Unevenness};
 use crate::render::tiles::waiting::{FEW_PIXELS, Found, ToDo, Urgency};
 
 /// The parts of a tolerance that a mean of rays that stand for themselves may be off by, where
@@ -39,7 +39,7 @@ impl Batch {
             let values = from_fn(|n| &quarters[n].value);
             let uneven = Unevenness::of(&whole.value, sheet.known(whole), values);
             // Rays that are off by much themselves say nothing of others, but where many add up.
-            let off = quarters.iter().chain([whole]).map(|found| own(&found.shares()));
+            let off = quarters.iter().chain([whole]).map(Found::own);
             let most = f64::from(whole.square.halvings).exp2() * ALONE_SHARE * tolerance;
             let uneven = (off.fold(0.0, f64::max) <= most).then_some(uneven);
             // Their rays lie at their centres.

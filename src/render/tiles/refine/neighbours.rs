@@ -10,7 +10,7 @@ use super::rim::SIDES;
 use super::{Batch, Sheet};
 use crate::render::camera::pixel_order::BLOCK;
 use crate::render::camera::rays::TILE_SIDE;
-use crate::render::tiles::pixel::{SquareSides, Unevenness, own};
+use crate::render::tiles::pixel::{SquareSides, Unevenness};
 use crate::render::tiles::waiting::Found;
 
 /// A pixel stands out whose bound is so many times the median of those around it: something may be
@@ -189,7 +189,7 @@ impl Sheet {
         }
         let Some(foretold) = self.foretell(pixel) else { return false };
         let doubt = DOUBTS * self.doubt_around(pixel);
-        let beside = self.pixels[pixel].beside_mean() + own(&found.shares());
+        let beside = self.pixels[pixel].beside_mean() + found.own();
         if foretold.likely() + foretold.most_bend() + doubt > self.room_for_mean(beside) {
             return false;
         }
