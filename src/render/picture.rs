@@ -58,8 +58,21 @@ pub(super) struct Picture<'r, 's> {
     pub(super) is_stopped: AtomicBool,
 }
 
+/// Some of a picture's tiles, which are drawn together.
+pub(super) struct Round<'w> {
+    /// Whether a tile is one of them.
+    pub(super) wanted: &'w (dyn Fn(u64) -> bool + Sync),
+    /// Whether no others follow that may need the same bricks.
+    pub(super) is_last: bool,
+}
+
+impl Round<'static> {
+    /// All tiles.
+    pub(super) const WHOLE: Self = Self { wanted: &|_| true, is_last: true };
+}
+
 impl Picture<'_, '_> {
-    /// Draws all tiles of which `wanted` says so on `threads` threads, with `readers` more that
+    /// Draws the tiles of `round` on `threads` threads, with `readers` more that
     /// read ahead. Adds the samples taken at each level of the tree to `samples`.
     ///
     /// # Errors
@@ -68,14 +81,13 @@ impl Picture<'_, '_> {
         &self,
         threads: usize,
         readers: usize,
-        wanted: &(dyn Fn(u64) -> bool + Sync),
+        round: &Round<'_>,
         samples: &mut [u64],
     ) -> Result<()> {
         *lock(&self.turns) = Turns::default();
         self.pool.begin_turns();
-        self.tiles_done.store(0, Ordering::Relaxed);
         let workers = std::thread::scope(|scope| {
-            let workers = self.launch(scope, threads, readers, wanted);
+            let workers = self.launch(scope, threads, readers, round);
             if workers.is_err() {
                 self.is_stopped.store(true, Ordering::Relaxed);
             }
@@ -96,7 +108,7 @@ impl Picture<'_, '_> {
         scope: &'s Scope<'s, '_>,
         threads: usize,
         readers: usize,
-        wanted: &'s (dyn Fn(u64) -> bool + Sync),
+        round: &'s Round<'_>,
     ) -> Result<Vec<ScopedJoinHandle<'s, Result<Vec<u64>>>>> {
         let (ahead, requests) = ReadAhead::new(STEPS_AHEAD * threads);
         for _ in 0..readers {
@@ -105,7 +117,7 @@ impl Picture<'_, '_> {
         }
         let start = |_| {
             let worker = Worker::new(self, ahead.clone(), BrickScratch::new(self.cache)?);
-            self.start(scope, move || worker.run(wanted))
+            self.start(scope, move || worker.run(round))
         };
         (0..threads).map(start).collect()
     }
@@ -184,14 +196,14 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
         }
     }
 
-    fn run(mut self, wanted: &(dyn Fn(u64) -> bool + Sync)) -> Result<Vec<u64>> {
+    fn run(mut self, round: &Round<'_>) -> Result<Vec<u64>> {
         let mut end = End { is_stopped: &self.picture.is_stopped, is_good: false };
-        self.draw_tiles(wanted)?;
+        self.draw_tiles(round)?;
         end.is_good = true;
         Ok(self.samples)
     }
 
-    fn draw_tiles(&mut self, wanted: &(dyn Fn(u64) -> bool + Sync)) -> Result<()> {
+    fn draw_tiles(&mut self, round: &Round<'_>) -> Result<()> {
         let picture = self.picture;
         let total = picture.context.pixels.tiles();
         let mut sheet = Sheet::default();
@@ -200,13 +212,19 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
             if tile >= total || picture.is_stopped() {
                 return Ok(());
             }
-            if wanted(tile) {
+            let is_wanted = (round.wanted)(tile);
+            if is_wanted {
                 self.draw_tile(tile, &mut sheet)?;
             }
-            picture.pool.turns_are_over(lock(&picture.turns).finish(tile));
-            let done = picture.tiles_done.fetch_add(1, Ordering::Relaxed) + 1;
-            if let Some(progress) = picture.progress {
-                progress(done, total);
+            let over = lock(&picture.turns).finish(tile);
+            if round.is_last {
+                picture.pool.turns_are_over(over);
+            }
+            if is_wanted {
+                let done = picture.tiles_done.fetch_add(1, Ordering::Relaxed) + 1;
+                if let Some(progress) = picture.progress {
+                    progress(done, total);
+                }
             }
         }
     }

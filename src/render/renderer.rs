@@ -13,7 +13,7 @@ use super::film::Film;
 use super::march::ray::Light;
 use super::march::ray_state::Ending;
 use super::memory::MemoryPlan;
-use super::picture::{Picture, lock};
+use super::picture::{Picture, Round, lock};
 use super::plan::census::Census;
 use super::plan::cut::{Cut, FootprintCut};
 use super::plan::effort::Effort;
@@ -58,6 +58,9 @@ pub(super) struct Renderer<'s> {
 const FIRST_TRY: f64 = 0.9;
 /// Attempts at tiles that turn out to need a smaller tolerance.
 const ATTEMPTS: u32 = 12;
+/// About so many tiles tell first whether a picture can be certified, and then so many times as many.
+const FIRST_TILES: f64 = 4.0;
+const MORE_TILES: f64 = 8.0;
 /// Bytes that are kept for each tile of a picture.
 pub(super) const TILE_BYTES: u64 =
     (size_of::<TileError>() + size_of::<State>() + size_of::<bool>()) as u64;
@@ -114,7 +117,7 @@ impl<'s> Renderer<'s> {
         if off > 0.0 {
             picture.light.packets = Some(self.packets(Some(off), light));
         }
-        picture.draw(self.threads, self.plan.readers, &|_| true, samples)?;
+        picture.draw(self.threads, self.plan.readers, &Round::WHOLE, samples)?;
         let rays = picture.rays.load(Ordering::Relaxed);
         Ok(Outcome { film: into_inner(picture.film), error: None, census, rays })
     }
@@ -132,7 +135,8 @@ impl<'s> Renderer<'s> {
         let mut goal = self.first_goal(pixels, &effort, is_exact)?;
         let transfer = self.transfer(if is_exact { 0.0 } else { goal.tolerance });
         if pixels.has_area() && is_exact {
-            goal.give_up_certificates(&effort);
+            goal.give_up_certificates();
+            goal.power = 1.0;
         } else if pixels.has_area() {
             self.look_out(&mut goal, &effort, &transfer)?;
         }
@@ -171,11 +175,7 @@ impl<'s> Renderer<'s> {
         let mut is_drawn_again = vec![true; lock(&picture.errors).len()];
         let mut states = vec![State::Within; is_drawn_again.len()];
         for _ in 0..ATTEMPTS {
-            let wanted = |tile: u64| {
-                let wanted = usize::try_from(tile).ok().and_then(|tile| is_drawn_again.get(tile));
-                wanted.copied().unwrap_or(true)
-            };
-            picture.draw(self.threads, self.plan.readers, &wanted, samples)?;
+            self.draw_tiles(picture, goal, &is_drawn_again, samples)?;
             let Some(part) = part else { return Ok(()) };
             let errors = lock(&picture.errors);
             for (n, error) in errors.iter().enumerate().filter(|(n, _)| is_drawn_again[*n]) {
@@ -200,6 +200,46 @@ impl<'s> Renderer<'s> {
                 packets.aim(PACKET_SHARE * goal.tolerance, goal.behind);
             }
             picture.method = Method::Within(*goal);
+        }
+        Ok(())
+    }
+
+    /// Draws the tiles that `wanted` says. Where they are to be certified, few of them first, spread over
+    /// the picture, and more and more: if one cannot be, the picture is not, and no other pays for it.
+    fn draw_tiles(
+        &self,
+        picture: &mut Picture<'_, 's>,
+        goal: &mut Goal,
+        wanted: &[bool],
+        samples: &mut [u64],
+    ) -> Result<()> {
+        let unwanted = wanted.iter().filter(|wanted| !**wanted).count();
+        picture.tiles_done.store(unwanted as u64, Ordering::Relaxed);
+        let mut part = FIRST_TILES / wanted.len() as f64;
+        let mut done = 0.0;
+        while done < 1.0 {
+            let is_tried = goal.has_area && goal.certifies && part < 1.0 / MORE_TILES;
+            let parts = done..if is_tried { part } else { 1.0 };
+            let is_due = |tile: usize| {
+                wanted.get(tile).is_none_or(|wanted| *wanted)
+                    && parts.contains(&place_in_order(tile))
+            };
+            let round = Round {
+                wanted: &|tile| usize::try_from(tile).map_or(true, is_due),
+                is_last: !is_tried,
+            };
+            picture.draw(self.threads, self.plan.readers, &round, samples)?;
+            let errors = lock(&picture.errors);
+            let is_within =
+                |error: &TileError| matches!(State::of(error, goal.tolerance), State::Within);
+            let is_lost = errors.iter().enumerate().any(|(n, e)| is_due(n) && !is_within(e));
+            drop(errors);
+            if is_tried && is_lost {
+                goal.give_up_certificates();
+                picture.method = Method::Within(*goal);
+            }
+            done = parts.end;
+            part *= MORE_TILES;
         }
         Ok(())
     }
@@ -324,6 +364,12 @@ fn worst(errors: &[TileError]) -> TileError {
         rays_needed: most.rays_needed + error.rays_needed,
         beyond: most.beyond + error.beyond,
     })
+}
+
+/// Where in the order of tiles that tell of the others one is, of 0 to 1: any first part of them is spread
+/// evenly over the picture.
+fn place_in_order(tile: usize) -> f64 {
+    (tile as f64 * std::f64::consts::GOLDEN_RATIO).fract()
 }
 
 /// The domain's diagonal, code length.

@@ -1,7 +1,6 @@
 //! What a picture is to be, and how far a tile of it has come.
 
 use super::cut::{Cut, ErrorCut};
-use super::effort::Effort;
 use crate::render::bounds::ray_error::ErrorShares;
 
 /// The part of the goal that a first batch leaves to a single brick: few bricks along a ray are
@@ -26,6 +25,8 @@ pub(crate) struct Goal {
     pub(crate) behind: f64,
     /// Rays that a tile takes at most for each of its pixels, where these stand for areas.
     pub(crate) rays_per_pixel: u64,
+    /// The same where bounds are not sought, but what may shine is.
+    pub(crate) scouting_per_pixel: u64,
     /// Rays that a tile takes at most for each of its pixels, where these stand for themselves.
     pub(crate) alone_per_pixel: u64,
     /// How often a pixel is halved at most for rays that stand for areas.
@@ -52,9 +53,8 @@ impl Goal {
     }
 
     /// Leaves pixels' areas to rays that stand for themselves: their bounds are out of reach.
-    pub(crate) fn give_up_certificates(&mut self, effort: &Effort) {
-        (self.certifies, self.rays_per_pixel) = (false, effort.scouting);
-        self.power = 1.0;
+    pub(crate) fn give_up_certificates(&mut self) {
+        (self.certifies, self.rays_per_pixel) = (false, self.scouting_per_pixel);
     }
 
     /// The cut that leaves `limit` to a single brick, and `digits` to how its values are read.

@@ -1,7 +1,7 @@
 //! What is known of a picture before it is drawn: about how bright it is, which makes its goal, and
 //! whether bounds of its pixels' areas can be brought within that.
 
-use super::{FIRST_TRY, Renderer, into_inner, lock, worst};
+use super::{FIRST_TRY, Renderer, Round, into_inner, lock, worst};
 use crate::Result;
 use crate::cache::Header;
 use crate::render::camera::rays::PixelGrid;
@@ -76,6 +76,7 @@ impl Renderer<'_> {
             },
             behind: glance,
             rays_per_pixel: effort.most,
+            scouting_per_pixel: effort.scouting,
             alone_per_pixel: effort.most_alone,
             most_halvings: u8::MAX,
             least_halvings: effort.least_halvings,
@@ -109,7 +110,7 @@ impl Renderer<'_> {
         let method = Method::Once { cut, accounts: false };
         let mut picture = self.picture(pixels, self.exact, method, None, None)?;
         picture.light.packets = Some(self.packets(None, 0.0));
-        picture.draw(self.threads, self.plan.readers, &|_| true, &mut [])?;
+        picture.draw(self.threads, self.plan.readers, &Round::WHOLE, &mut [])?;
         largest_value(&into_inner(picture.film))
     }
 
@@ -159,7 +160,11 @@ impl Renderer<'_> {
                 break;
             }
         }
-        goal.rays_per_pixel = if goal.certifies { effort.most_certified } else { effort.scouting };
+        if goal.certifies {
+            goal.rays_per_pixel = effort.most_certified;
+        } else {
+            goal.give_up_certificates();
+        }
         Ok(())
     }
 
@@ -171,6 +176,7 @@ impl Renderer<'_> {
         let pixels = PixelGrid::sparse(&view, part);
         let quartered = Goal {
             rays_per_pixel: OUTLOOK_RAYS,
+            scouting_per_pixel: OUTLOOK_RAYS,
             alone_per_pixel: 1,
             most_halvings: 1,
             certifies: true,
@@ -180,7 +186,7 @@ impl Renderer<'_> {
         let mut picture =
             self.picture(&pixels, transfer, Method::Within(quartered), Some(goal.tolerance), None)?;
         picture.light.packets = Some(self.packets_for(goal));
-        picture.draw(self.threads, self.plan.readers, &|_| true, &mut [])?;
+        picture.draw(self.threads, self.plan.readers, &Round::WHOLE, &mut [])?;
         let all = worst(&lock(&picture.errors));
         Ok(Outlook {
             rays_needed: all.rays_needed / (f64::from(view.width()) * f64::from(view.height())),

@@ -84,6 +84,7 @@ fn goal(rays_per_pixel: u64, all_levels: bool) -> Goal {
         tolerance,
         behind,
         rays_per_pixel,
+        scouting_per_pixel: rays_per_pixel,
         alone_per_pixel,
         most_halvings: u8::MAX,
         least_halvings: 0,

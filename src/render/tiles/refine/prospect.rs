@@ -48,8 +48,22 @@ impl Sheet {
             let is_within_reach = goal.certifies && median <= reach * goal.tolerance;
             let has_prospect = is_within_reach || is_fast || again && self.may_shine(median);
             group.scouts = (!has_prospect).then_some(median);
+            if !has_prospect {
+                self.give_up_certificate(number);
+            }
         }
         self.group = Some(group);
+    }
+
+    /// One group without prospect is enough: no other pays for a certificate that the tile will not have.
+    /// What those before `number` have taken for theirs is not what these have to scout with.
+    fn give_up_certificate(&mut self, number: usize) {
+        if let Some(goal) = self.goal.as_mut().filter(|goal| goal.certifies) {
+            goal.give_up_certificates();
+            let scouting = goal.rays_per_pixel.saturating_sub(1);
+            let before = self.rays_of_first(number * GROUP_PIXELS, scouting);
+            self.rays = self.rays.min(before.saturating_add(self.pixels.len() as u64));
+        }
     }
 
     /// Rays of each pixel of a group that stood for squares, on average.
