@@ -214,10 +214,17 @@ impl Sheet {
     /// Whether no more rays may be marched that stand for squares of a group of pixels.
     fn is_over(&self, grid: &PixelGrid, group: usize) -> bool {
         let Some(goal) = &self.goal else { return true };
-        // Each pixel has taken one ray in the first batch.
-        let others = self.rays.saturating_sub(self.pixels.len() as u64);
-        let per_pixel = goal.rays_per_pixel.saturating_sub(1);
-        grid.has_area() && others >= self.rays_of_first((group + 1) * GROUP_PIXELS, per_pixel)
+        grid.has_area() && self.other_rays() >= self.most_rays(group, goal)
+    }
+
+    /// Rays marched that stand for squares, beside the first of each pixel.
+    fn other_rays(&self) -> u64 {
+        self.rays.saturating_sub(self.pixels.len() as u64)
+    }
+
+    /// The most of them that a group of pixels and those before it may take.
+    fn most_rays(&self, group: usize, goal: &Goal) -> u64 {
+        self.rays_of_first((group + 1) * GROUP_PIXELS, goal.rays_per_pixel.saturating_sub(1))
     }
 
     /// Rays for the first `count` pixels.
@@ -354,12 +361,18 @@ impl Sheet {
             }
             let likely = if total > tolerance { pixel.estimate() } else { total };
             error.estimate = error.estimate.max(likely);
-            let times = (shares.pixel_area / tolerance).powf(power.recip());
-            let rays = self.marched(n) * times;
+            let rays = self.foreseen(n, shares.pixel_area, power);
             error.rays_needed += rays.clamp(1.0, MOST_NEEDED);
             error.beyond += u64::from(rays > MOST_NEEDED);
         }
         error
+    }
+
+    /// Rays that a pixel takes in all if its bound goes on to fall from this to the tolerance with this
+    /// power of their number.
+    fn foreseen(&self, pixel: usize, bound: f64, power: f64) -> f64 {
+        let tolerance = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
+        self.marched(pixel) * (bound / tolerance).powf(power.recip())
     }
 
     /// The tile's pixels, row by row: R, G, B, A.

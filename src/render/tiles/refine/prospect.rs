@@ -1,6 +1,6 @@
 //! Whether rays can bring the bounds of pixels' areas within the tolerance.
 
-use super::{Batch, GROUP_PIXELS, Goal, Sheet, movable};
+use super::{Batch, GROUP_PIXELS, Goal, MOST_NEEDED, Sheet, movable};
 use crate::render::camera::rays::PixelGrid;
 use crate::render::plan::goal::power;
 use crate::render::tiles::waiting::Found;
@@ -11,6 +11,9 @@ const FAST: f64 = 2.0;
 /// Bounds of this many times the light that was expected say that something may shine that has not
 /// been seen.
 const UNSEEN: f64 = 10.0;
+
+/// A group of pixels has no prospect whose bounds foretell so many times the rays that are left.
+const AT_WORST: f64 = 2.0;
 
 /// What a square may do to its pixel without being scouted, as a part of the tolerance; and as a part of
 /// the light that was expected, since pixels without a certificate come no closer.
@@ -40,12 +43,14 @@ impl Sheet {
         let begins = GroupInHand { number, fallen: [0.0; 2], scouts: None };
         let mut group = self.group.filter(|group| group.number == number).unwrap_or(begins);
         if group.scouts.is_none() {
-            let median = self.median_bound(grid, number, found);
+            let mut bounds = self.bounds(grid, number, found);
+            let needed = power(group.fallen).map(|power| self.needed(number, &bounds, power));
+            let most = AT_WORST * self.most_rays(number, &goal) as f64;
+            bounds.sort_unstable_by(f64::total_cmp);
+            let median = bounds[bounds.len() / 2];
             // What falls as fast as that has not shown yet what will be left.
             let is_fast = power(group.fallen).unwrap_or(goal.power) > FAST;
-            let left = goal.rays_per_pixel as f64 / self.taken(number);
-            let reach = power(group.fallen).map_or(f64::INFINITY, |power| left.powf(power));
-            let is_within_reach = goal.certifies && median <= reach * goal.tolerance;
+            let is_within_reach = goal.certifies && needed.is_none_or(|rays| rays <= most);
             let has_prospect = is_within_reach || is_fast || again && self.may_shine(median);
             group.scouts = (!has_prospect).then_some(median);
             if !has_prospect {
@@ -66,12 +71,15 @@ impl Sheet {
         }
     }
 
-    /// Rays of each pixel of a group that stood for squares, on average.
-    fn taken(&self, number: usize) -> f64 {
+    /// Rays beside the first that stand for squares, of this group of pixels and those before it, if the
+    /// group's go on to fall like that from these `bounds`.
+    fn needed(&self, number: usize, bounds: &[f64], power: f64) -> f64 {
         let first = number * GROUP_PIXELS;
-        let pixels = first..(first + GROUP_PIXELS).min(self.pixels.len());
-        let count = pixels.len() as f64;
-        pixels.map(|pixel| self.marched(pixel)).sum::<f64>() / count
+        let still = bounds.iter().enumerate().map(|(n, bound)| {
+            let marched = self.marched(first + n);
+            (self.foreseen(first + n, *bound, power).min(MOST_NEEDED) - marched).max(0.0)
+        });
+        self.other_rays() as f64 + still.sum::<f64>()
     }
 
     /// Whether what is off by so much may be something bright that no ray has met. Where it is shows
@@ -93,8 +101,8 @@ impl Sheet {
         self.may_shine(bound) && self.goal.is_some_and(|goal| harm > goal.tolerance)
     }
 
-    /// The median of what a group's pixels are off by.
-    pub(super) fn median_bound(&self, grid: &PixelGrid, number: usize, found: &[Found]) -> f64 {
+    /// What a group's pixels may be off by.
+    fn bounds(&self, grid: &PixelGrid, number: usize, found: &[Found]) -> Vec<f64> {
         let first = number * GROUP_PIXELS;
         let pixels = self.pixels.iter().skip(first).take(GROUP_PIXELS);
         let mut bounds: Vec<f64> = pixels.map(|pixel| pixel.shares.total()).collect();
@@ -102,8 +110,7 @@ impl Sheet {
             bounds[usize::from(found.square.pixel) - first] +=
                 grid.weight(&found.square) * found.shares().total();
         }
-        bounds.sort_unstable_by(f64::total_cmp);
-        bounds[bounds.len() / 2]
+        bounds
     }
 
     /// The median of what a group's pixels may be off by, if there is no prospect of less.
