@@ -52,10 +52,14 @@ impl Subject {
     }
 
     fn drawn(&self, scene: &str) -> deepfield::Result<Rendered> {
+        self.drawn_by(2, scene)
+    }
+
+    fn drawn_by(&self, threads: usize, scene: &str) -> deepfield::Result<Rendered> {
         let scene = Scene::parse(scene, "scene").unwrap();
         let options = RenderOptions {
             memory: 256 << 20,
-            threads: Some(2),
+            threads: Some(threads),
             progress: None,
             fixed: None,
             resident: false,
@@ -628,6 +632,22 @@ fn the_domains_side_along_a_column_of_pixels_covers_its_part_of_them() {
             }
         }
     }
+}
+
+#[test]
+fn a_certified_picture_of_many_tiles_depends_on_no_threads_and_loads_bricks_once() {
+    let subject = Subject::new(
+        "[[density]]\nkind = \"gaussian\"\ncentre = [0.4, 0.55, 0.6]\npeak = 3.0\nsigma = 0.2\n",
+    );
+    // Some of its tiles are drawn before the others, since they tell whether these can be certified.
+    let scene = "[image]\nwidth = 450\nheight = 380\n[camera]\nposition = [1.9, 1.2, -1.4]\n\
+         look_at = [0.5, 0.5, 0.5]\nfov = 40.0\n[render]\ntolerance = \"3%\"\nsamples = \"area\"\n\
+         [[volume]]\nfield = \"Density\"\nscale = \"linear\"\nrange = [0.0, 4.0]\n\
+         emission = [[0.0, 0.0], [1.0, 3.0]]\nabsorption = [[0.0, 0.0], [1.0, 2.0]]\n";
+    let [one, two] = [1, 2].map(|threads| subject.drawn_by(threads, scene).unwrap());
+    assert!(one.film == two.film);
+    assert!(one.stats.error_bound.unwrap() <= one.stats.tolerance, "{:?}", one.stats);
+    assert_eq!([one, two].map(|drawn| drawn.stats.bricks_reloaded), [0; 2]);
 }
 
 /// A picture of the areas of 32 by 32 pixels, `height` high, of values between 4.2 and 4.4; or of n by n

@@ -48,6 +48,9 @@ pub(crate) struct Batch {
     wholes: Vec<Found>,
 }
 
+/// The part of a square's bound that goes once it is quartered, at least: three quarters of what is of
+/// second order in its width.
+const FALLS: f64 = 0.6;
 /// Quarters stand out that may do more than this part of the median pixel's harm.
 const SMALL_HARM: f64 = 0.125;
 
@@ -180,8 +183,10 @@ impl Sheet {
         found: &[Found],
         to_do: &ToDo,
     ) -> Chosen {
+        let Some(median) = self.scouts(group) else {
+            return self.still_above(grid, group, found, to_do);
+        };
         let is_over = self.is_over(grid, group);
-        let scouts = self.scouts(group);
         let mut chosen = Chosen::default();
         for found in found.chunk_by(|a, b| a.square.pixel == b.square.pixel) {
             let (_, room, mean) = self.pixel(grid, found, to_do.before);
@@ -189,7 +194,7 @@ impl Sheet {
             for found in found {
                 let bound = movable(&found.shares(), to_do.before);
                 let harm = grid.weight(&found.square) * bound;
-                let stands_out = |median| match found.square.halvings {
+                let stands_out = match found.square.halvings {
                     _ if self.may_hide(harm, bound) => true,
                     0 => {
                         let pixel = usize::from(found.square.pixel);
@@ -197,13 +202,47 @@ impl Sheet {
                     }
                     _ => harm > self.little(SMALL_HARM * median),
                 };
-                let again = !to_do.quartered && (scouts.is_none() || self.may_shine(bound));
-                let matters = again || scouts.is_none_or(stands_out);
-                if is_over || is_good || bound <= room || !matters {
+                let again = !to_do.quartered && self.may_shine(bound);
+                if is_over || is_good || bound <= room || !(again || stands_out) {
                     self.conclude(grid, found, to_do);
                 } else if again {
                     chosen.again.push(*found);
                 } else {
+                    chosen.wholes.push(*found);
+                }
+            }
+        }
+        chosen
+    }
+
+    /// The same where bounds are sought. Of those to be quartered only as many of a pixel are, the worst
+    /// first, as bring it within its bound if theirs fall as they should; the others wait.
+    fn still_above(
+        &mut self,
+        grid: &PixelGrid,
+        group: usize,
+        found: &[Found],
+        to_do: &ToDo,
+    ) -> Chosen {
+        let is_over = self.is_over(grid, group);
+        let mut chosen = Chosen::default();
+        for found in found.chunk_by(|a, b| a.square.pixel == b.square.pixel) {
+            let (_, room, mean) = self.pixel(grid, found, to_do.before);
+            let off = movable(&mean, to_do.before);
+            let weight = |found: &Found| grid.weight(&found.square);
+            let mut above = (off - room) * found.iter().map(weight).sum::<f64>();
+            let bound = |found: &Found| movable(&found.shares(), to_do.before);
+            let mut worst: Vec<_> = found.iter().map(|f| (weight(f) * bound(f), f)).collect();
+            worst.sort_by(|a, b| b.0.total_cmp(&a.0));
+            for (harm, found) in worst {
+                if off <= room || bound(found) <= room {
+                    self.take(grid, found);
+                } else if is_over {
+                    self.conclude(grid, found, to_do);
+                } else if !to_do.quartered {
+                    chosen.again.push(*found);
+                } else if above > 0.0 || !self.may_wait(grid, found, to_do) {
+                    above -= FALLS * harm;
                     chosen.wholes.push(*found);
                 }
             }
@@ -312,16 +351,18 @@ impl Sheet {
         for found in outcome.chunk_by(|a, b| a.square.pixel == b.square.pixel) {
             let (pixel, room, mean) = self.pixel(grid, found, care);
             let is_good = movable(&mean, care) <= room;
-            let is_taken = is_good || self.is_over(grid, pixel / GROUP_PIXELS);
-            if !is_taken && next.takes(found, &mean, room, batch) {
+            let is_over = self.is_over(grid, pixel / GROUP_PIXELS);
+            if !is_good && !is_over && next.takes(found, &mean, room, batch) {
                 continue;
             }
+            let is_sought = self.scouts(pixel / GROUP_PIXELS).is_none();
             for found in found {
+                let is_good = is_good || movable(&found.shares(), care) <= room;
                 let is_last = |goal: Goal| found.square.halvings >= goal.most_halvings;
-                let is_taken = is_taken
-                    || movable(&found.shares(), care) <= room
-                    || self.goal.is_some_and(is_last);
-                if !is_taken && grid.has_area() && found.square.halvings < MOST_HALVINGS {
+                let is_taken = is_good || is_over || self.goal.is_some_and(is_last);
+                if is_good && is_sought {
+                    self.take(grid, found);
+                } else if !is_taken && grid.has_area() && found.square.halvings < MOST_HALVINGS {
                     next.quartered.push(*found);
                 } else if !is_taken && can_be_finer {
                     next.worst = next.worst.map(|worst| worst.max(1.0));
@@ -336,16 +377,20 @@ impl Sheet {
     /// Lets squares wait; there need not be room for all.
     fn wait(&mut self, grid: &PixelGrid, squares: &[Found], to_do: &ToDo) {
         for found in squares {
-            let harm = grid.weight(&found.square) * found.shares().total();
-            let group = usize::from(found.square.pixel) / GROUP_PIXELS;
-            let urgency =
-                if grid.has_area() { Urgency::new(group, harm) } else { Urgency::default() };
             if to_do.alone {
                 self.wait_alone(grid, found, to_do);
-            } else if !self.waiting.push(*found, urgency, to_do) {
+            } else if !self.may_wait(grid, found, to_do) {
                 self.conclude(grid, found, to_do);
             }
         }
+    }
+
+    /// Lets a square wait, for a ray that stands for it; false where there is no room.
+    fn may_wait(&mut self, grid: &PixelGrid, found: &Found, to_do: &ToDo) -> bool {
+        let harm = grid.weight(&found.square) * found.shares().total();
+        let group = usize::from(found.square.pixel) / GROUP_PIXELS;
+        let urgency = if grid.has_area() { Urgency::new(group, harm) } else { Urgency::default() };
+        self.waiting.push(*found, urgency, to_do)
     }
 
     /// How far the tile's worst pixel is off.

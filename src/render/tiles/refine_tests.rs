@@ -235,6 +235,51 @@ fn draw_light(
 }
 
 #[test]
+fn squares_are_taken_as_their_pixels_mean_allows() {
+    // Squares of a pixel are off by more than others of it, and their pixels by just so much.
+    let light = |[x, y]: [f64; 2]| 0.5 + 0.1 * (x * y).sin();
+    let bound = |square: &Square| {
+        let place = 1.0 + 0.9 * (37.0 * square.centre[0] + 17.0 * square.centre[1]).sin();
+        20.0 * TOLERANCE * square.weight() * place
+    };
+    let (_, error) = draw_light([9, 7], likely(true), light, bound, |x, y, pixel| {
+        assert_eq!(pixel.rays_alone, 0, "{x} {y}");
+        assert!(pixel.bound().total() <= TOLERANCE * (1.0 + 1e-9), "{x} {y}");
+    });
+    assert!(error.shares.total() <= TOLERANCE * (1.0 + 1e-9), "{error:?}");
+}
+
+#[test]
+fn a_few_squares_whose_bounds_stay_do_not_speak_for_their_group() {
+    let light = |_: [f64; 2]| 0.5;
+    let bound = |square: &Square| match square.pixel {
+        31 => 20.0 * TOLERANCE * (16.0 * square.weight()).min(1.0),
+        _ => 8.0 * TOLERANCE * square.weight(),
+    };
+    let (_, error) = draw_light([9, 7], likely(true), light, bound, |_, _, _| ());
+    assert!(error.shares.total() <= TOLERANCE * (1.0 + 1e-9), "{error:?}");
+}
+
+#[test]
+fn pixels_pay_for_no_certificate_that_others_cannot_have() {
+    let light = |_: [f64; 2]| 0.5;
+    // One group of pixels is out of reach.
+    let draw = |hopeless: usize| {
+        let bound = |square: &Square| match usize::from(square.pixel) / GROUP_PIXELS {
+            group if group == hopeless => 1e4 * TOLERANCE,
+            _ => 20.0 * TOLERANCE * square.weight(),
+        };
+        let goal = Goal { scouting_per_pixel: 8, ..likely(true) };
+        draw_light([32, 32], goal, light, bound, |_, _, _| ())
+    };
+    let (rays, whole) = draw(usize::MAX);
+    assert!(whole.shares.total() <= TOLERANCE && rays > 21 * 1024, "{rays} {whole:?}");
+    let (first, _) = draw(0);
+    let (last, _) = draw(3);
+    assert!(2 * first < last && last < rays, "{first} {last} {rays}");
+}
+
+#[test]
 fn where_no_bound_will_do_pixels_are_within_the_tolerance_all_the_same() {
     // Edges, bends and ripples; the mean is taken of far more rays.
     let light = |[x, y]: [f64; 2]| {

@@ -217,6 +217,11 @@ impl Sheet {
         if count > 0.0 { sum / count } else { 0.0 }
     }
 
+    /// Takes a square as it is, whose pixel's bound allows it.
+    pub(super) fn take(&mut self, grid: &PixelGrid, found: &Found) {
+        self.pixels[usize::from(found.square.pixel)].take(found, grid.weight(&found.square));
+    }
+
     /// Takes a square as it is if its bound is as small as the tolerance asks; else its pixel's
     /// mean is left to rays that stand for themselves, if that may be.
     pub(super) fn conclude(&mut self, grid: &PixelGrid, found: &Found, marched: &ToDo) {

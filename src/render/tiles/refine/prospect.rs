@@ -12,6 +12,10 @@ const FAST: f64 = 2.0;
 /// been seen.
 const UNSEEN: f64 = 10.0;
 
+/// After so many squares were quartered, how bounds fell before that counts half as much.
+const FORGOTTEN: f64 = 64.0;
+/// So many of them tell how those that follow will.
+const TELLING: f64 = 16.0;
 /// A group of pixels has no prospect whose bounds foretell so many times the rays that are left.
 const AT_WORST: f64 = 2.0;
 
@@ -25,8 +29,10 @@ const LITTLE_OF_LIGHT: f64 = 1e-4;
 pub(super) struct GroupInHand {
     /// The group's number.
     pub(super) number: usize,
-    /// What those of the last batch might be off by, and what their quarters may.
+    /// What those that were quartered last might be off by, and what their quarters may.
     pub(super) fallen: [f64; 2],
+    /// How many these are.
+    quartered: f64,
     /// Where there is no prospect of the tolerance: what its pixels may be off by, in the median.
     /// What stands out is still scouted for.
     pub(super) scouts: Option<f64>,
@@ -40,16 +46,18 @@ impl Sheet {
         let Some(goal) = self.goal.filter(|_| grid.has_area()) else {
             return;
         };
-        let begins = GroupInHand { number, fallen: [0.0; 2], scouts: None };
+        let begins = GroupInHand { number, fallen: [0.0; 2], quartered: 0.0, scouts: None };
         let mut group = self.group.filter(|group| group.number == number).unwrap_or(begins);
         if group.scouts.is_none() {
             let mut bounds = self.bounds(grid, number, found);
-            let needed = power(group.fallen).map(|power| self.needed(number, &bounds, power));
+            let is_known = group.quartered >= TELLING;
+            let power = power(group.fallen).filter(|_| is_known);
+            let needed = power.map(|power| self.needed(number, &bounds, power));
             let most = AT_WORST * self.most_rays(number, &goal) as f64;
             bounds.sort_unstable_by(f64::total_cmp);
             let median = bounds[bounds.len() / 2];
             // What falls as fast as that has not shown yet what will be left.
-            let is_fast = power(group.fallen).unwrap_or(goal.power) > FAST;
+            let is_fast = power.unwrap_or(goal.power) > FAST;
             let is_within_reach = goal.certifies && needed.is_none_or(|rays| rays <= most);
             let has_prospect = is_within_reach || is_fast || again && self.may_shine(median);
             group.scouts = (!has_prospect).then_some(median);
@@ -125,7 +133,10 @@ impl Sheet {
         if let (Some(group), false) = (&mut self.group, batch.wholes.is_empty()) {
             let fallen =
                 [batch.wholes.iter().map(bound).sum(), outcome.iter().map(bound).sum::<f64>()];
-            group.fallen = fallen;
+            let count = batch.wholes.len() as f64;
+            let kept = (-count / FORGOTTEN).exp2();
+            group.quartered = kept * group.quartered + count;
+            group.fallen = std::array::from_fn(|n| kept * group.fallen[n] + fallen[n]);
             self.fallen.iter_mut().zip(fallen).for_each(|(sum, bound)| *sum += bound);
         }
     }
