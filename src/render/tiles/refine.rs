@@ -54,6 +54,16 @@ const FALLS: f64 = 0.6;
 /// Quarters stand out that may do more than this part of the median pixel's harm.
 const SMALL_HARM: f64 = 0.125;
 
+/// What squares of a pixel may be off by on average.
+struct Mean {
+    pixel: usize,
+    shares: ErrorShares,
+    /// What they may be beside what work cannot change.
+    room: f64,
+    /// Whether their pixel's bound is within the tolerance then.
+    is_bound: bool,
+}
+
 /// Squares to be marched again, or others to be quartered.
 #[derive(Default)]
 struct Chosen {
@@ -189,8 +199,8 @@ impl Sheet {
         let is_over = self.is_over(grid, group);
         let mut chosen = Chosen::default();
         for found in found.chunk_by(|a, b| a.square.pixel == b.square.pixel) {
-            let (_, room, mean) = self.pixel(grid, found, to_do.before);
-            let is_good = movable(&mean, to_do.before) <= room;
+            let Mean { shares, room, .. } = self.mean(grid, found, to_do.before);
+            let is_good = movable(&shares, to_do.before) <= room;
             for found in found {
                 let bound = movable(&found.shares(), to_do.before);
                 let harm = grid.weight(&found.square) * bound;
@@ -227,17 +237,18 @@ impl Sheet {
         let is_over = self.is_over(grid, group);
         let mut chosen = Chosen::default();
         for found in found.chunk_by(|a, b| a.square.pixel == b.square.pixel) {
-            let (_, room, mean) = self.pixel(grid, found, to_do.before);
-            let off = movable(&mean, to_do.before);
+            let Mean { shares, room, is_bound, .. } = self.mean(grid, found, to_do.before);
+            let off = movable(&shares, to_do.before);
             let weight = |found: &Found| grid.weight(&found.square);
             let mut above = (off - room) * found.iter().map(weight).sum::<f64>();
             let bound = |found: &Found| movable(&found.shares(), to_do.before);
             let mut worst: Vec<_> = found.iter().map(|f| (weight(f) * bound(f), f)).collect();
             worst.sort_by(|a, b| b.0.total_cmp(&a.0));
             for (harm, found) in worst {
-                if off <= room || bound(found) <= room {
+                let is_good = off <= room || bound(found) <= room;
+                if is_good && is_bound {
                     self.take(grid, found);
-                } else if is_over {
+                } else if is_good || is_over {
                     self.conclude(grid, found, to_do);
                 } else if !to_do.quartered {
                     chosen.again.push(*found);
@@ -271,21 +282,20 @@ impl Sheet {
         per_pixel.saturating_mul(count.min(self.pixels.len()) as u64)
     }
 
-    /// The pixel of what was found, what these squares may be off by on average beside what work
-    /// cannot change, and what they are.
-    fn pixel(&self, grid: &PixelGrid, found: &[Found], care: Care) -> (usize, f64, ErrorShares) {
+    /// What squares of a pixel may be off by on average.
+    fn mean(&self, grid: &PixelGrid, found: &[Found], care: Care) -> Mean {
         let whole: f64 = found.iter().map(|found| grid.weight(&found.square)).sum();
-        let mut mean = ErrorShares::default();
+        let mut shares = ErrorShares::default();
         for found in found {
-            mean.add(&found.shares(), grid.weight(&found.square) / whole);
+            shares.add(&found.shares(), grid.weight(&found.square) / whole);
         }
         let pixel = usize::from(found[0].square.pixel);
         let allowed = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
         // Beside what work cannot change, as much again, within the tolerance for itself.
-        let done = if care == Care::Exact { mean.quadrature } else { 0.0 };
-        let fixed = done + mean.storage + mean.termination + mean.rounding;
-        let room = (self.pixels[pixel].rate(allowed) - fixed).max(fixed.min(allowed));
-        (pixel, room, mean)
+        let done = if care == Care::Exact { shares.quadrature } else { 0.0 };
+        let fixed = done + shares.storage + shares.termination + shares.rounding;
+        let (within, as_much) = (self.pixels[pixel].rate(allowed) - fixed, fixed.min(allowed));
+        Mean { pixel, shares, room: within.max(as_much), is_bound: within >= as_much }
     }
 
     /// Takes what a batch has found: pixels that are close enough are known, the others' squares
@@ -349,18 +359,18 @@ impl Sheet {
         let marched = ToDo { quartered: false, cut, before: care, care, alone: false };
         let can_be_finer = !matches!(batch.cut, Cut::FullDepth);
         for found in outcome.chunk_by(|a, b| a.square.pixel == b.square.pixel) {
-            let (pixel, room, mean) = self.pixel(grid, found, care);
-            let is_good = movable(&mean, care) <= room;
+            let Mean { pixel, shares, room, is_bound } = self.mean(grid, found, care);
+            let is_good = movable(&shares, care) <= room;
             let is_over = self.is_over(grid, pixel / GROUP_PIXELS);
-            if !is_good && !is_over && next.takes(found, &mean, room, batch) {
+            if !is_good && !is_over && next.takes(found, &shares, room, batch) {
                 continue;
             }
-            let is_sought = self.scouts(pixel / GROUP_PIXELS).is_none();
+            let is_taken_so = is_bound && self.scouts(pixel / GROUP_PIXELS).is_none();
             for found in found {
                 let is_good = is_good || movable(&found.shares(), care) <= room;
                 let is_last = |goal: Goal| found.square.halvings >= goal.most_halvings;
                 let is_taken = is_good || is_over || self.goal.is_some_and(is_last);
-                if is_good && is_sought {
+                if is_good && is_taken_so {
                     self.take(grid, found);
                 } else if !is_taken && grid.has_area() && found.square.halvings < MOST_HALVINGS {
                     next.quartered.push(*found);
