@@ -242,6 +242,7 @@ impl Sheet {
             let weight = |found: &Found| grid.weight(&found.square);
             let mut above = (off - room) * found.iter().map(weight).sum::<f64>();
             let bound = |found: &Found| movable(&found.shares(), to_do.before);
+            // Without limit, all are above: what is left of it is NaN once one of them is taken off.
             let mut worst: Vec<_> = found.iter().map(|f| (weight(f) * bound(f), f)).collect();
             worst.sort_by(|a, b| b.0.total_cmp(&a.0));
             for (harm, found) in worst {
@@ -252,7 +253,7 @@ impl Sheet {
                     self.conclude(grid, found, to_do);
                 } else if !to_do.quartered {
                     chosen.again.push(*found);
-                } else if above > 0.0 || !self.may_wait(grid, found, to_do) {
+                } else if above > 0.0 || above.is_nan() || !self.may_wait(grid, found, to_do) {
                     above -= FALLS * harm;
                     chosen.wholes.push(*found);
                 }

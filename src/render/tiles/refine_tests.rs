@@ -261,6 +261,17 @@ fn a_few_squares_whose_bounds_stay_do_not_speak_for_their_group() {
 }
 
 #[test]
+fn bounds_that_were_without_limit_say_nothing_of_others() {
+    let light = |_: [f64; 2]| 0.5;
+    let bound = |square: &Square| match (square.pixel, square.halvings) {
+        (31, 0 | 1) => 1e300,
+        _ => 20.0 * TOLERANCE * square.weight(),
+    };
+    let (_, error) = draw_light([9, 7], likely(true), light, bound, |_, _, _| ());
+    assert!(error.shares.total() <= TOLERANCE * (1.0 + 1e-9), "{error:?}");
+}
+
+#[test]
 fn pixels_pay_for_no_certificate_that_others_cannot_have() {
     let light = |_: [f64; 2]| 0.5;
     // One group of pixels is out of reach.

@@ -134,9 +134,13 @@ impl Sheet {
             let fallen =
                 [batch.wholes.iter().map(bound).sum(), outcome.iter().map(bound).sum::<f64>()];
             let count = batch.wholes.len() as f64;
+            // What had no limit would be all that there is for ever.
+            let was_limited = group.fallen.iter().all(|bound| bound.is_finite());
             let kept = (-count / FORGOTTEN).exp2();
             group.quartered = kept * group.quartered + count;
-            group.fallen = std::array::from_fn(|n| kept * group.fallen[n] + fallen[n]);
+            let before =
+                if was_limited { group.fallen.map(|bound| kept * bound) } else { [0.0; 2] };
+            group.fallen = std::array::from_fn(|n| before[n] + fallen[n]);
             self.fallen.iter_mut().zip(fallen).for_each(|(sum, bound)| *sum += bound);
         }
     }
