@@ -152,6 +152,8 @@ pub(crate) struct Grades {
     pub(crate) rates: Vec<u32>,
     /// What levels beneath make each group be off by: `packet::PacketBrick::levels`.
     pub(crate) levels: Vec<u32>,
+    /// The same of all groups together: `packet::PacketBrick::most_levels`.
+    pub(crate) most_levels: [f32; 2],
     /// All that is known of each group: `packet::PacketBrick::rows`.
     pub(crate) rows: Vec<[f32; 8]>,
     /// Whether rows have what [`Self::look_around`] finds.
@@ -217,8 +219,14 @@ impl Grades {
     }
 
     /// Grades the groups of the brick of a passage, whose cells are constant and far from steps:
-    /// there all groups are fit, and their rates say the most that they emit and absorb.
-    pub(crate) fn fill_cells(&mut self, passage: &Passage<'_>, transfer: &PacketTransfer) {
+    /// there all groups are fit, also for wide squares, and their rates say the most that they emit and
+    /// absorb.
+    pub(crate) fn fill_cells(
+        &mut self,
+        passage: &Passage<'_>,
+        has_squares: bool,
+        transfer: &PacketTransfer,
+    ) {
         let relief = &passage.brick.relief;
         (self.parts, self.share) = (1, 1.0);
         let most = |n: usize| pack(relief.group(n).span.most, &transfer.table);
@@ -228,12 +236,19 @@ impl Grades {
         self.fill_levels(relief, passage.hides, transfer);
         self.rows.clear();
         self.reliefs.clear();
+        self.is_fit_for_wide = true;
+        if has_squares {
+            let groups = (0..relief.count()).map(|n| relief.group(n)).chain([&relief.whole]);
+            self.reliefs.extend(groups.map(|group| cell_row(group, &transfer.table)));
+        }
     }
 
     /// Takes in what levels beneath make each group be off by, where the brick is drawn in their
     /// place.
     fn fill_levels(&mut self, relief: &Relief, hides: bool, transfer: &PacketTransfer) {
         self.levels.clear();
+        let most = relative(relief.whole.levels, &transfer.table);
+        self.most_levels = most.map(|x| up(x.min(MOST_STORED)));
         if hides {
             let groups = (0..relief.count()).map(|n| relief.group(n));
             self.levels.extend(groups.map(|group| pack(group.levels, &transfer.table)));
@@ -279,6 +294,12 @@ fn larger_halves(a: u32, b: u32) -> u32 {
 fn row(group: &Group) -> [f32; 8] {
     let ([x, y, z], [p, q, r]) = (group.slope, group.uneven);
     [x, y, z, p, q, r, group.high - group.low, 0.0].map(up)
+}
+
+/// The same where cells are constant.
+fn cell_row(group: &Group, table: &TransferTable) -> [f32; 8] {
+    let [emission, extinction] = relative(group.elsewhere(), table);
+    [emission, extinction, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0].map(|x| up(x.min(MOST_STORED)))
 }
 
 /// Whether a group has values, and no void.

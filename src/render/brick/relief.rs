@@ -36,7 +36,8 @@ pub(crate) struct Group {
     pub(crate) thinned: f64,
     /// Difference of x to that of the source's values, and its rounding.
     pub(crate) storage: Storage,
-    /// What the transfer function does over the range.
+    /// What the transfer function does over the range; where cells are constant, also as far beyond
+    /// it as the source's values may be.
     pub(crate) span: Span,
     /// Whether part of the group is void: what is drawn ends there.
     pub(crate) has_void: bool,
@@ -55,6 +56,8 @@ pub(crate) struct Relief {
     pub(crate) levels_reach: f64,
     /// Whether values are read in fewer digits than are stored.
     pub(crate) is_rounded: bool,
+    /// Whether values are constant in each cell.
+    pub(crate) is_piecewise_constant: bool,
 }
 
 impl Relief {
@@ -121,20 +124,21 @@ impl Relief {
         self.groups.reserve_exact(self.side.pow(3));
         self.levels_reach = if distance.residual < FAR { distance.residual } else { 0.0 };
         self.is_rounded = distance.is_rounded;
+        self.is_piecewise_constant = brick.is_piecewise_constant();
         let builder = GroupBuilder { brick, pieces, distance };
         for (at, of_group) in surveyor.look(brick, self.side).iter().enumerate() {
             let group = [at % self.side, at / self.side % self.side, at / self.side.pow(2)];
             self.groups.push(builder.group(of_group, group.map(|g| g * GROUP_EDGE)));
         }
-        self.join(pieces);
+        self.join(|whole| builder.span(whole));
     }
 
-    /// Finds what holds for all groups.
-    fn join(&mut self, pieces: &PieceList) {
+    /// Finds what holds for all groups; `span` is what the transfer function does over their range.
+    fn join(&mut self, span: impl Fn(&Group) -> Span) {
         self.whole = self.groups.first().copied().unwrap_or_default();
         self.groups.iter().skip(1).for_each(|group| self.whole.take_in(group));
-        let Group { low, high, .. } = self.whole;
-        self.whole.span = if low <= high { pieces.over(low, high) } else { Span::default() };
+        let has_values = self.whole.low <= self.whole.high;
+        self.whole.span = if has_values { span(&self.whole) } else { Span::default() };
     }
 
     /// Takes values to be those of a thinner brick, off by so much in each group from the one that
@@ -150,7 +154,7 @@ impl Relief {
             group.levels = group.span.slope.times(group.thinned);
         }
         self.is_rounded = finer.is_rounded;
-        self.join(pieces);
+        self.join(|whole| pieces.over(whole.low, whole.high));
         let most = self.whole.thinned;
         self.levels_reach = if most < FAR { most } else { 0.0 };
     }
@@ -216,6 +220,16 @@ impl Relief {
 }
 
 impl Group {
+    /// Change where what is drawn ends.
+    pub(crate) fn border(&self) -> Change {
+        if self.has_void { self.span.most } else { Change::default() }
+    }
+
+    /// Change from one constant cell to any other, or to none.
+    pub(crate) fn elsewhere(&self) -> Change {
+        self.span.variation.plus(self.span.jumps).max(self.border())
+    }
+
     /// Makes of it what holds for `other` as well.
     fn take_in(&mut self, other: &Self) {
         self.low = self.low.min(other.low);
@@ -252,7 +266,6 @@ impl GroupBuilder<'_> {
         if group.low > group.high {
             return group;
         }
-        group.span = self.pieces.over(group.low, group.high);
         let Distance { residual, fills_void, tree, storage, leaf_storage, .. } = *self.distance;
         let has_children = (residual > 0.0 || fills_void) && self.has_children(first);
         // What lies beneath is off by parts of its own values; averages take part beside borders.
@@ -260,6 +273,7 @@ impl GroupBuilder<'_> {
         let holds_averages = of_group.holds_averages || has_children;
         let stored = if holds_averages { storage } else { leaf_storage };
         group.storage = Storage::new(&stored, [group.low, group.high], beneath, tree);
+        group.span = self.span(&group);
         if has_children && fills_void {
             let [low, high] = [tree[0].min(group.low), tree[1].max(group.high)];
             group.levels = self.pieces.over(low, high).most;
@@ -272,6 +286,12 @@ impl GroupBuilder<'_> {
                 };
         }
         group
+    }
+
+    /// What the transfer function does over a group's range.
+    fn span(&self, Group { low, high, storage, .. }: &Group) -> Span {
+        let off = if self.brick.is_piecewise_constant() { storage.most() } else { 0.0 };
+        self.pieces.over(low - off, high + off)
     }
 
     /// Change by values at most `distance` off, without steps.

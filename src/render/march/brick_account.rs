@@ -42,13 +42,6 @@ pub(crate) enum DomainEnd {
     Edge,
 }
 
-impl Group {
-    /// Change where what is drawn ends.
-    fn border(&self) -> Change {
-        if self.has_void { self.span.most } else { Change::default() }
-    }
-}
-
 /// A segment of a ray, and how much of its light reaches the eye.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PathSegment {
@@ -102,9 +95,7 @@ impl<'a> BrickAccount<'a> {
     /// lengths, summed over the cell's faces, are within their reach.
     pub(crate) fn touch(&mut self, touching: f64, segment: PathSegment) {
         let length = segment.length;
-        let group = self.group();
-        let span = group.span;
-        let change = span.variation.plus(span.jumps).max(group.border());
+        let change = self.group().elsewhere();
         let reached = touching.min(length);
         let sums = PathSegment { length: reached, ..segment }.sums(change);
         self.error.farthest = self.error.farthest.plus(sums);
@@ -202,7 +193,9 @@ impl<'a> BrickAccount<'a> {
             self.error.levels = self.error.levels.plus(levels);
         }
         if self.is_spread() {
-            self.add_spread(&tally, group.border());
+            // Between constant cells void is met where other cells are.
+            let is_met = self.relief.is_piecewise_constant;
+            self.add_spread(&tally, if is_met { Change::default() } else { group.border() });
         } else {
             // Steps within reach of what is beneath, or of what is not stored exactly.
             let cause = if self.hides {

@@ -4,6 +4,7 @@ use glam::DVec3;
 use proptest::prelude::*;
 
 use super::packet_tests::{EDGE, LONGEST, Setting, WIDTH, glowing};
+use super::packets::Accounts;
 use super::ray::{Beam, march};
 use super::ray_state::RayState;
 use super::ray_tests::{shells, smooth, steps, transfer};
@@ -224,6 +225,42 @@ fn other_causes_are_accounted_for() {
                 stored += expected.storage.emission;
             }
             assert!(stored > 1e-7, "{stored:e}");
+        }
+    }
+}
+
+/// What a square's other rays see differently is as much as single rays' accounts say, wherever these
+/// are apart, and beside nothing.
+#[test]
+fn squares_are_accounted_for_as_by_single_rays() {
+    let rays = usual(400);
+    for (function, void) in
+        [(smooth(), None), (glowing(), Some(5)), (shells(), None), (fog(), Some(6))]
+    {
+        let exact = TransferPieces::new(&function, |_| 0.0);
+        let most = LONGEST * exact.largest_emission();
+        let brick = brick(BRICKS[2], void, &exact, truth());
+        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &function, 1e-3);
+        for width in [1e-3, 0.05, 0.4, 1.5] {
+            let beam = Beam { spread: [width, 0.7 * width, 0.3 * width], ..Beam::alone(0.0) };
+            let beams = vec![beam; rays.len()];
+            let accounts = Accounts::Squares(&beams);
+            let found = setting.together_as(&rays, Width::best(), Care::Rough, accounts);
+            assert!(found.is_fit);
+            let mut some = 0;
+            for (found, ray) in found.errors.iter().zip(&rays) {
+                let (mut state, mut error) = (RayState::default(), RayError::default());
+                march(&setting.passage, ray, &setting.light, &mut state, Some((&mut error, &beam)));
+                for (found, expected) in
+                    [(found.farthest, error.farthest), (found.uneven, error.uneven)]
+                {
+                    assert!(covers(&found, &expected), "{width}: {found:?} {expected:?}");
+                    let limit = 1.01 * expected.emission + 1e-4 * most;
+                    assert!(found.emission <= limit, "{width}: {found:?} {expected:?}");
+                    some += u32::from(expected.emission > 1e-3 * most);
+                }
+            }
+            assert!(some > 20, "{width}: {some}");
         }
     }
 }

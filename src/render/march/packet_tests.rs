@@ -82,7 +82,7 @@ impl<'s> Setting<'s> {
     }
 
     /// Rays that stand for what `accounts` says.
-    fn together_as(
+    pub(super) fn together_as(
         &self,
         rays: &[LocalRay],
         width: Width,

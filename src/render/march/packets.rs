@@ -163,11 +163,11 @@ impl Packets {
         }
         if brick.is_piecewise_constant() {
             // More care is for single rays: there is nothing that packets could do better.
-            let is_fit = care == Care::Rough && !has_squares && !brick.shades.rows.is_empty();
+            let is_fit = care == Care::Rough && !brick.shades.rows.is_empty();
             if is_fit {
                 kinds.clear();
                 *kinks = [[0.0; 4]; 2];
-                grades.fill_cells(passage, transfer);
+                grades.fill_cells(passage, has_squares, transfer);
             }
             return is_fit;
         }
@@ -247,6 +247,7 @@ impl Tables {
             rates: &self.grades.rates,
             rows: &self.grades.rows,
             levels: &self.grades.levels,
+            most_levels: self.grades.most_levels,
             are_proxies: matches!(accounts, Accounts::Proxies(_)),
             storages: &brick.shades.storages,
             storage: self.grades.storage,

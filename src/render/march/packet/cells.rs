@@ -12,6 +12,7 @@
 //! with the transmittance in front.
 #![allow(clippy::needless_range_loop)]
 
+use super::beside::Beside;
 use super::long::{Long, left_of_one, long_product, product, select, sum, times};
 use super::rows::is_less;
 use super::shade::DARK;
@@ -60,6 +61,7 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(
     }
     // Rays begin with nothing gathered: there is nothing that they stop for on the way.
     let (mut seen, mut gathered) = ([one, zero], Gathered::new(l));
+    let (has_squares, mut beside) = (!brick.reliefs.is_empty(), Beside::load(l, packet));
     let nothing = [zero; 2];
     let mut count = 0;
     while l.bits(active) != 0 {
@@ -107,8 +109,15 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(
         }
         let length = l.select(active, length, zero);
         sums.off = add_off::<L, ABSORBS>(l, sums.off, rates, l.mul(shadow, length), length);
+        if has_squares {
+            walk.locate();
+            beside.pass::<ABSORBS>(l, brick, &walk, [way, before], active);
+        }
         if !brick.levels.is_empty() {
-            let rates = rates_at(l, brick.levels, walk.group(brick.groups), active);
+            let mut rates = rates_at(l, brick.levels, walk.group(brick.groups), active);
+            if has_squares {
+                rates = beside.levels(l, brick, rates, active);
+            }
             sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, lit, way);
         }
         let rates = rates_at(l, brick.storages, cell, active);
@@ -116,6 +125,7 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(
         active = go_on::<L, ABSORBS>(l, &mut walk, &exit, active, gathered.depth[0], fade);
     }
     gathered.store(l, packet, &mut sums);
+    beside.store(l, packet);
     walk.store(packet);
     packet.active = 0;
     packet.count += count;

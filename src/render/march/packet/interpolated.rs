@@ -205,7 +205,10 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
         let Self { l, brick, active, .. } = *self;
         if !brick.levels.is_empty() {
             let levels = l.bits_of(place.row[if brick.are_proxies { 6 } else { 5 }]);
-            let rates = unpacked(l, levels, active);
+            let mut rates = unpacked(l, levels, active);
+            if !brick.reliefs.is_empty() && !brick.are_proxies {
+                rates = self.squares.levels(l, brick, rates, active);
+            }
             self.sums.levels = add_off::<L, ABSORBS>(l, self.sums.levels, rates, steep.lit, *way);
         }
         if brick.are_proxies {

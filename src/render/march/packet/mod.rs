@@ -35,6 +35,7 @@
 #![allow(clippy::needless_range_loop)]
 
 mod bends;
+mod beside;
 mod blended;
 mod cells;
 mod cube;
@@ -96,6 +97,8 @@ pub(super) struct PacketBrick<'g> {
     /// For each group what emission and extinction may be off by, packed as `rates` are, because
     /// bricks beneath are hidden; empty where none are.
     pub(super) levels: &'g [u32],
+    /// The same of all groups together, for squares that are wider than a cell.
+    pub(super) most_levels: [f32; 2],
     /// For each cell, where cells are constant, what emission and extinction may be off by, packed
     /// as `rates` are, because its value is not stored exactly; else empty.
     pub(super) storages: &'g [u32],
@@ -103,7 +106,9 @@ pub(super) struct PacketBrick<'g> {
     /// of x.
     pub(super) storage: [f32; 2],
     /// Where rays stand for squares, for each group, and all in one: steepest slopes of x along each
-    /// axis, half the ranges of these, the range of x, and a filler; else empty.
+    /// axis, half the ranges of these, the range of x, and a filler; where cells are constant, what
+    /// emission and extinction differ by from one to any other, relative to the table's, and fillers.
+    /// Else empty.
     pub(super) reliefs: &'g [[f32; 8]],
     /// Whether rays are marched in place of others, near them: then what holds for places a cell beside
     /// each group counts of levels, as it does of all else that is known of groups.
@@ -131,6 +136,9 @@ pub(super) struct Packet {
     /// The direction of each ray, dual cells per unit of t, in which no component is above 1; and
     /// what is left of it by rounding to f32.
     pub(super) direction: [[Row; 3]; 2],
+    /// What the first numbers of origin and direction have not, along axes along which a ray crosses no
+    /// plane between constant cells: there it goes through the middle of its cell instead.
+    pub(super) aside: [[Row; 3]; 2],
     /// Largest extinction · code length per unit of t.
     pub(super) thickness: Row,
     /// What emission may be off by over the way through a cell, per unit of t, where that takes
@@ -180,6 +188,7 @@ impl Packet {
         Self {
             origin: [[Row::ZERO; 3]; 2],
             direction: [[Row::ZERO; 3]; 2],
+            aside: [[Row::ZERO; 3]; 2],
             thickness: Row::ZERO,
             allowed: Row::ZERO,
             fade: Row::ZERO,

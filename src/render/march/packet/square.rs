@@ -14,14 +14,14 @@ use crate::lanes::Lanes;
 #[derive(Clone, Copy)]
 pub(super) struct Squares<L: Lanes> {
     /// Largest displacement of the squares' rays, cells along each axis; 1 / 12 of its inverse.
-    spread: [L::Float; 3],
+    pub(super) spread: [L::Float; 3],
     twelfth: [L::Float; 3],
     /// What of the displacement does not cancel between opposite rays.
     bend: [L::Float; 3],
     /// Twice half the square's diagonal as an angle.
     turn: L::Float,
     /// Whose other rays may be more than a cell away.
-    wide: L::Mask,
+    pub(super) wide: L::Mask,
 }
 
 /// How far the values of a square's rays are from its centre's: at most; and on average but for
@@ -53,6 +53,31 @@ impl<L: Lanes> Squares<L> {
         squares
     }
 
+    /// What is known of a group, or of all where squares are wide.
+    #[inline(always)]
+    pub(super) fn relief(&self, l: L, brick: &PacketBrick<'_>, group: L::Index) -> [L::Float; 8] {
+        let whole = l.splat((brick.groups * brick.groups * brick.groups) as f32);
+        let group = l.index(l.select(self.wide, whole, l.float(group)));
+        l.gather_row(brick.reliefs, group)
+    }
+
+    /// What levels beneath make emission and extinction be off by, where these are the `rates` of a
+    /// ray's own group: others of a wide square may be in any.
+    #[inline(always)]
+    pub(super) fn levels(
+        &self,
+        l: L,
+        brick: &PacketBrick<'_>,
+        mut rates: [L::Float; 2],
+        active: L::Mask,
+    ) -> [L::Float; 2] {
+        let wide = l.and(self.wide, active);
+        for n in 0..2 {
+            rates[n] = l.select(wide, l.splat(brick.most_levels[n]), rates[n]);
+        }
+        rates
+    }
+
     /// What holds for `way` through a cell, in the group `group`.
     #[inline(always)]
     pub(super) fn shift(
@@ -65,9 +90,7 @@ impl<L: Lanes> Squares<L> {
         blended: bool,
     ) -> Shift<L> {
         let (zero, one, half) = (l.splat(0.0), l.splat(1.0), l.splat(0.5));
-        let whole = l.splat((brick.groups * brick.groups * brick.groups) as f32);
-        let group = l.index(l.select(self.wide, whole, l.float(group)));
-        let row = l.gather_row(brick.reliefs, group);
+        let row = self.relief(l, brick, group);
         let (slope, uneven) = ([row[0], row[1], row[2]], [row[3], row[4], row[5]]);
         let spread = self.spread;
         let over =
@@ -251,7 +274,7 @@ impl<L: Lanes> Shift<L> {
 
 /// Adds changes of emission and extinction to a packet's sums.
 #[inline(always)]
-fn add_to<L: Lanes, const ABSORBS: bool>(
+pub(super) fn add_to<L: Lanes, const ABSORBS: bool>(
     l: L,
     rows: &mut [crate::lanes::Row; 3],
     rates: [L::Float; 2],
@@ -265,7 +288,7 @@ fn add_to<L: Lanes, const ABSORBS: bool>(
 /// The share of a way along which a coordinate goes from `from` to `to` that is within `reach` of
 /// 0.
 #[inline(always)]
-fn share_near<L: Lanes>(l: L, [from, to]: [L::Float; 2], reach: L::Float) -> L::Float {
+pub(super) fn share_near<L: Lanes>(l: L, [from, to]: [L::Float; 2], reach: L::Float) -> L::Float {
     let (low, high) = (l.min(from, to), l.max(from, to));
     let (zero, one) = (l.splat(0.0), l.splat(1.0));
     let within = l.sub(l.min(high, reach), l.max(low, l.sub(zero, reach)));

@@ -96,6 +96,12 @@ impl<L: Lanes> Walk<L> {
         [x[0], y[0], z[0]]
     }
 
+    /// t reached.
+    #[inline(always)]
+    pub(super) fn reached(&self) -> L::Float {
+        self.t[0]
+    }
+
     /// How much longer t becomes over a cell along each axis.
     #[inline(always)]
     pub(super) fn stretching(&self) -> [L::Float; 3] {

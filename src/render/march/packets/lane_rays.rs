@@ -173,13 +173,17 @@ fn set_axis<L: Lanes>(
         let stays = (direction == 0.0) | is_between_planes(enters, leaves);
         let is_between = (shift == 0.0) & stays;
         let start = if is_between { cell + 0.5 } else { enters };
-        let along = if is_between { 0.0 } else { direction * lane_rays.unit[lane] };
+        let slope = direction * lane_rays.unit[lane];
+        let along = if is_between { 0.0 } else { slope };
+        let aside = [enters - start, slope - along];
         let coarse = rounded(start);
         packet.origin[0][a].0[lane] = coarse as f32;
         packet.origin[1][a].0[lane] = (start - coarse) as f32;
         let along = split(along);
         packet.direction[0][a].0[lane] = along[0];
         packet.direction[1][a].0[lane] = along[1];
+        packet.aside[0][a].0[lane] = aside[0] as f32;
+        packet.aside[1][a].0[lane] = aside[1] as f32;
         packet.cell[a].0[lane] = cell as f32;
     }
 }
