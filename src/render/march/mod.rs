@@ -1,6 +1,7 @@
 //! Rays through bricks, one by one in f64 and many at once in packets, and the accounts they keep.
 
 pub(super) mod absorb;
+mod beside;
 mod blend;
 mod brick_account;
 #[cfg(test)]

@@ -1,14 +1,15 @@
 //! One ray through one brick.
 
 use super::absorb::Integrator;
-use super::brick_account::{BrickAccount, DomainEnd, PathSegment};
+use super::beside::Visit;
+use super::brick_account::BrickAccount;
 use super::cell::march_cells;
 use super::linear::march_linear;
 use super::ray_state::{Ending, RayState};
 use crate::render::bounds::grade::PacketTransfer;
 use crate::render::bounds::ray_error::RayError;
 use crate::render::bounds::touch::Spread;
-use crate::render::brick::passage::{ALL_FACES, Passage, Region};
+use crate::render::brick::passage::{Passage, Region};
 use crate::render::brick::walk::clip;
 use crate::render::camera::frame::LocalRay;
 use crate::render::transfer::pieces::PieceList;
@@ -136,7 +137,7 @@ pub(super) fn arrive(
         return spread;
     }
     let mut account = BrickAccount::new(&passage.brick.relief, error, passage.hides, spread);
-    look_beside(&mut account, ray, region, beam, span, state);
+    Visit { ray, region, beam, state, span }.look_beside(&mut account);
     spread
 }
 
@@ -192,172 +193,7 @@ fn farthest(ray: &LocalRay, region: &Region, beam: &Beam, span: Option<(f64, f64
     }
 }
 
-fn rounding(depth: f64, sigma: f64) -> f64 {
+/// What rounding does to a depth.
+pub(super) fn rounding(depth: f64, sigma: f64) -> f64 {
     1e-14 * (depth.abs() + sigma.abs())
-}
-
-/// A ray's way beside a brick is looked at in parts of this many cells.
-const PART_CELLS: f64 = 2.0;
-/// A ray's way beside a brick is looked at in this many parts at most.
-const MOST_PARTS: f64 = 64.0;
-
-/// What rays of the square meet of the region where this one is outside, and what they miss
-/// where it is inside and the domain ends.
-fn look_beside(
-    account: &mut BrickAccount<'_>,
-    ray: &LocalRay,
-    region: &Region,
-    beam: &Beam,
-    span: Option<(f64, f64)>,
-    state: &RayState,
-) {
-    let spread = account.spread();
-    let moved = |faces: u8, by: f64| -> ([f64; 3], [f64; 3]) {
-        let off = |face: usize, a: usize| if faces >> face & 1 == 1 { by * spread[a] } else { 0.0 };
-        (
-            std::array::from_fn(|a| region.lo[a] - off(a, a)),
-            std::array::from_fn(|a| region.hi[a] + off(3 + a, a)),
-        )
-    };
-    let (lo, hi) = moved(ALL_FACES, 1.0);
-    let Some(wide) = clip(ray, lo, hi) else { return };
-    let inside = span.map_or(0.0, |(from, to)| (to - from) * ray.length);
-    let across: f64 = (0..3).map(|a| (region.hi[a] - region.lo[a]) * beam.advance[a]).sum();
-    let all = (wide.1 - wide.0) * ray.length;
-    // All rays of the square meet the region within its extent along the ray.
-    let outside = (all.min(across) - inside).max(0.0);
-    let counted = if all > inside { outside / (all - inside) } else { 0.0 };
-    let before =
-        |sigma: f64| state.transmittance_at(beam.depth + sigma - rounding(beam.depth, sigma));
-    let share = if span.is_some() { 0.5 } else { beam.covered.min(0.5) };
-    let (from, to) = span.unwrap_or((wide.1, wide.1));
-    let (lo, hi) = moved(region.ends, -1.0);
-    let kept = match span {
-        Some(span) if region.ends == 0 => span,
-        Some(_) => clip(ray, lo, hi).unwrap_or((to, from)),
-        None => (wide.1, wide.1),
-    };
-    let rims = [(wide.0, kept.0.max(from)), (kept.1.min(to), wide.1)];
-    let mut domain_ends = rims.map(|rim| domain_end(ray, region, spread, rim));
-    if span.is_some() {
-        let ways = [(wide.0, from, kept.0), (kept.1, to, wide.1)];
-        for ((first, face, last), end) in ways.into_iter().zip(&mut domain_ends) {
-            let way = (face - first).max(last - face);
-            let crossing = FaceCrossing { sigma: face, way, transmittance: before(face) };
-            *end = cross_face(account, ray, beam, crossing, *end);
-        }
-    }
-    for (ends, end) in [(wide.0, from), (to, wide.1)].into_iter().zip(domain_ends) {
-        each_part(ray, region, ends, |point, (from, to), half| {
-            let group = account.group_near(point, half);
-            let length = counted * (to - from) * ray.length;
-            let segment = PathSegment { length, transmittance: before(from) };
-            account.beside(&group, segment, share, end);
-        });
-    }
-    if region.ends == 0 || span.is_none() {
-        return;
-    }
-    let share = (0.5 * f64::from(region.ends.count_ones())).min(1.0);
-    for (ends, end) in [(from, kept.0), (kept.1, to)].into_iter().zip(domain_ends) {
-        each_part(ray, region, ends, |point, (from, to), half| {
-            let group = account.group_near(point, half);
-            let length = (to - from) * ray.length;
-            let segment = PathSegment { length, transmittance: before(from) };
-            account.domain_ends(&group, segment, share, end);
-        });
-    }
-}
-
-/// Largest part of the distance from the eye by which rays of a square may enter or leave at one face
-/// before or after its centre's.
-const MOST_SLANT: f64 = 0.5;
-
-/// Where a ray crosses a face at which the domain ends.
-struct FaceCrossing {
-    sigma: f64,
-    /// By how much σ differs there within the square, at most.
-    way: f64,
-    /// Transmittance in front of it, at most.
-    transmittance: f64,
-}
-
-/// Where the domain ends at one face, distances from the eye to it differ within the square: adds what
-/// of them does not cancel. Returns how the domain ends: at an edge, where they differ too much.
-///
-/// The distance to a plane along a unit vector u is h/(u·n). Where it is s for the centre's, and η the
-/// largest relative change of u·n in first order, its mean is s but for (α²/6 + α·η/3 + η²/3(1 − η))·s,
-/// α half the square's diagonal as an angle. (The middle term counts as the bend of [`BrickAccount`]'s faces.)
-fn cross_face(
-    account: &mut BrickAccount<'_>,
-    ray: &LocalRay,
-    beam: &Beam,
-    FaceCrossing { sigma, way, transmittance }: FaceCrossing,
-    end: DomainEnd,
-) -> DomainEnd {
-    let distance = beam.depth + sigma;
-    if end != DomainEnd::Face || beam.angle == 0.0 {
-        return end;
-    }
-    let slant = way / distance;
-    if !(0.0..=MOST_SLANT).contains(&slant) {
-        return DomainEnd::Edge;
-    }
-    let bend = 0.25 * beam.angle * beam.angle + slant * slant / (3.0 * (1.0 - slant));
-    let half = way * ray.direction.abs().max_element();
-    let group = account.group_near((ray.origin + ray.direction * sigma).into(), half);
-    let length = bend * distance * ray.length;
-    account.bend_at_face(&group, PathSegment { length, transmittance });
-    end
-}
-
-/// How many of the region's faces at which the domain ends come within the spread of the ray
-/// over a stretch of σ.
-fn domain_end(
-    ray: &LocalRay,
-    region: &Region,
-    spread: [f64; 3],
-    (from, to): (f64, f64),
-) -> DomainEnd {
-    if region.ends == 0 {
-        return DomainEnd::Nowhere;
-    }
-    let reaches = |face: usize| {
-        let a = face % 3;
-        let plane = if face < 3 { region.lo[a] } else { region.hi[a] };
-        let at = |sigma: f64| ray.origin[a] + ray.direction[a] * sigma - plane;
-        let (start, end) = (at(from), at(to));
-        region.ends >> face & 1 == 1
-            && start.min(end) <= spread[a] * (1.0 + 1e-9)
-            && start.max(end) >= -spread[a] * (1.0 + 1e-9)
-    };
-    match (0..6).filter(|&face| reaches(face)).count() {
-        0 => DomainEnd::Nowhere,
-        1 => DomainEnd::Face,
-        _ => DomainEnd::Edge,
-    }
-}
-
-/// Cuts σ from `from` to `to` into parts; of each: its middle within the region, its ends, and
-/// half its length in cells.
-fn each_part(
-    ray: &LocalRay,
-    region: &Region,
-    (from, to): (f64, f64),
-    mut look: impl FnMut([f64; 3], (f64, f64), f64),
-) {
-    let cells = (to - from) * ray.direction.abs().max_element();
-    if cells.is_nan() || cells <= 0.0 {
-        return;
-    }
-    let count = (cells / PART_CELLS).ceil().min(MOST_PARTS);
-    let step = (to - from) / count;
-    for n in 0..count as u32 {
-        let ends = (from + f64::from(n) * step, from + f64::from(n + 1) * step);
-        let middle = 0.5 * (ends.0 + ends.1);
-        let point = std::array::from_fn(|a| {
-            (ray.origin[a] + ray.direction[a] * middle).clamp(region.lo[a], region.hi[a])
-        });
-        look(point, ends, 0.5 * cells / count);
-    }
 }

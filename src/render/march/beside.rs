@@ -1,0 +1,246 @@
+//! What rays of a square meet of a brick where the square's centre is outside, and what they miss where
+//! it is inside and what is drawn ends.
+
+use std::borrow::Cow;
+
+use super::brick_account::{BrickAccount, DomainEnd, PathSegment};
+use super::ray::{Beam, rounding};
+use super::ray_state::RayState;
+use crate::render::brick::passage::{ALL_FACES, Region};
+use crate::render::brick::relief::Group;
+use crate::render::camera::frame::LocalRay;
+
+/// A ray's way beside a brick is looked at in parts of this many cells.
+const PART_CELLS: f64 = 2.0;
+/// A ray's way beside a brick is looked at in this many parts at most.
+const MOST_PARTS: f64 = 64.0;
+/// Largest part of the distance from the eye by which rays of a square may enter or leave at one face
+/// before or after its centre's.
+const MOST_SLANT: f64 = 0.5;
+
+/// A ray that stands for a square, at a brick.
+pub(super) struct Visit<'v> {
+    pub(super) ray: &'v LocalRay,
+    pub(super) region: &'v Region,
+    pub(super) beam: &'v Beam,
+    pub(super) state: &'v RayState,
+    /// Where the ray is inside, if it is.
+    pub(super) span: Option<(f64, f64)>,
+}
+
+/// One end of the ray's way through the brick: stretches of σ over which rays of the square come into it, or
+/// leave it. Of a ray that meets nothing of it all is the first end.
+struct Rim {
+    /// Where this one is outside.
+    outside: (f64, f64),
+    /// Where it is inside and others may be where what is drawn has ended.
+    inside: (f64, f64),
+    /// Where it crosses the face.
+    face: f64,
+}
+
+impl Rim {
+    /// From the first to the last place.
+    fn all(&self) -> (f64, f64) {
+        (self.outside.0.min(self.inside.0), self.outside.1.max(self.inside.1))
+    }
+}
+
+impl Visit<'_> {
+    /// Adds to an account what other rays of the square meet beside this one, or miss.
+    pub(super) fn look_beside(&self, account: &mut BrickAccount<'_>) {
+        let Self { ray, region, beam, .. } = *self;
+        let spread = account.spread();
+        let crossings = Crossings::new(ray, region);
+        let Some(wide) = crossings.within(ray, region, spread, ALL_FACES, 1.0) else { return };
+        let inside = self.span.map_or(0.0, |(from, to)| (to - from) * ray.length);
+        let across: f64 = (0..3).map(|a| (region.hi[a] - region.lo[a]) * beam.advance[a]).sum();
+        let all = (wide.1 - wide.0) * ray.length;
+        // All rays of the square meet the region within its extent along the ray.
+        let outside = (all.min(across) - inside).max(0.0);
+        let counted = if all > inside { outside / (all - inside) } else { 0.0 };
+        let Some((from, to)) = self.span else {
+            let rim = Rim { outside: wide, inside: (wide.1, wide.1), face: wide.1 };
+            return self.look_at(account, &rim, counted);
+        };
+        let kept = if region.ends == 0 {
+            (from, to)
+        } else {
+            crossings.within(ray, region, spread, region.ends, -1.0).unwrap_or((to, from))
+        };
+        let enters = Rim { outside: (wide.0, from), inside: (from, kept.0), face: from };
+        let leaves = Rim { outside: (to, wide.1), inside: (kept.1, to), face: to };
+        self.look_at(account, &enters, counted);
+        self.look_at(account, &leaves, counted);
+    }
+
+    /// Adds what is met and missed at one end, of the way outside so much as is `counted`.
+    fn look_at(&self, account: &mut BrickAccount<'_>, rim: &Rim, counted: f64) {
+        let Self { region, beam, span, .. } = *self;
+        let mut end = self.domain_end(account.spread(), rim.all());
+        // A short way is looked at once.
+        let is_short = self.cells(rim.all()) <= PART_CELLS;
+        let group = is_short.then(|| self.around(account, rim.all()));
+        if span.is_some() && end == DomainEnd::Face && beam.angle != 0.0 {
+            end = self.cross_face(account, rim, group.as_deref());
+        }
+        let share = if span.is_some() { 0.5 } else { beam.covered.min(0.5) };
+        self.each_part(account, rim.outside, group.as_deref(), |account, group, segment| {
+            let length = counted * segment.length;
+            account.beside(group, PathSegment { length, ..segment }, share, end);
+        });
+        if region.ends == 0 || span.is_none() {
+            return;
+        }
+        let share = (0.5 * f64::from(region.ends.count_ones())).min(1.0);
+        self.each_part(account, rim.inside, group.as_deref(), |account, group, segment| {
+            account.domain_ends(group, segment, share, end);
+        });
+    }
+
+    /// An upper bound of the transmittance in front of σ.
+    fn before(&self, sigma: f64) -> f64 {
+        let depth = self.beam.depth;
+        self.state.transmittance_at(depth + sigma - rounding(depth, sigma))
+    }
+
+    /// How many cells long a stretch of σ is.
+    fn cells(&self, (from, to): (f64, f64)) -> f64 {
+        (to - from) * self.ray.direction.abs().max_element()
+    }
+
+    /// What holds around a stretch of σ.
+    fn around<'a>(&self, account: &BrickAccount<'a>, (from, to): (f64, f64)) -> Cow<'a, Group> {
+        let Self { ray, region, .. } = *self;
+        let middle = 0.5 * (from + to);
+        let point = std::array::from_fn(|a| {
+            (ray.origin[a] + ray.direction[a] * middle).clamp(region.lo[a], region.hi[a])
+        });
+        account.group_near(point, 0.5 * self.cells((from, to)))
+    }
+
+    /// Cuts a stretch of σ into parts that are looked at with what holds around each, or around all if
+    /// that is known.
+    fn each_part(
+        &self,
+        account: &mut BrickAccount<'_>,
+        (from, to): (f64, f64),
+        around: Option<&Group>,
+        mut look: impl FnMut(&mut BrickAccount<'_>, &Group, PathSegment),
+    ) {
+        let cells = self.cells((from, to));
+        if cells.is_nan() || cells <= 0.0 {
+            return;
+        }
+        let count = (cells / PART_CELLS).ceil().min(MOST_PARTS);
+        let step = (to - from) / count;
+        for n in 0..count as u32 {
+            let ends = (from + f64::from(n) * step, from + f64::from(n + 1) * step);
+            let length = (ends.1 - ends.0) * self.ray.length;
+            let segment = PathSegment { length, transmittance: self.before(ends.0) };
+            match around {
+                Some(group) => look(account, group, segment),
+                None => look(account, &self.around(account, ends), segment),
+            }
+        }
+    }
+
+    /// Where the domain ends at one face, distances from the eye to it differ within the square: adds
+    /// what of them does not cancel. Returns how the domain ends: at an edge, where they differ too
+    /// much.
+    ///
+    /// The distance to a plane along a unit vector u is h/(u·n). Where it is s for the centre's, and η
+    /// the largest relative change of u·n in first order, its mean is s but for (α²/6 + α·η/3 +
+    /// η²/3(1 − η))·s, α half the square's diagonal as an angle. (The middle term counts as the bend of
+    /// [`BrickAccount`]'s faces.)
+    fn cross_face(
+        &self,
+        account: &mut BrickAccount<'_>,
+        rim: &Rim,
+        around: Option<&Group>,
+    ) -> DomainEnd {
+        let Self { ray, beam, .. } = *self;
+        let ((first, last), face) = (rim.all(), rim.face);
+        let way = (face - first).max(last - face);
+        let distance = beam.depth + face;
+        let slant = way / distance;
+        if !(0.0..=MOST_SLANT).contains(&slant) {
+            return DomainEnd::Edge;
+        }
+        let bend = 0.25 * beam.angle * beam.angle + slant * slant / (3.0 * (1.0 - slant));
+        let length = bend * distance * ray.length;
+        let segment = PathSegment { length, transmittance: self.before(face) };
+        match around {
+            Some(group) => account.bend_at_face(group, segment),
+            None => account.bend_at_face(&self.around(account, rim.all()), segment),
+        }
+        DomainEnd::Face
+    }
+
+    /// How many of the region's faces at which the domain ends come within the spread of the ray over a
+    /// stretch of σ.
+    fn domain_end(&self, spread: [f64; 3], (from, to): (f64, f64)) -> DomainEnd {
+        let Self { ray, region, .. } = *self;
+        if region.ends == 0 {
+            return DomainEnd::Nowhere;
+        }
+        let mut count = 0;
+        for (a, spread) in spread.into_iter().enumerate() {
+            let [p, q] = [from, to].map(|sigma| ray.origin[a] + ray.direction[a] * sigma);
+            let (low, high, reach) = (p.min(q), p.max(q), spread * (1.0 + 1e-9));
+            for (face, plane) in [(a, region.lo[a]), (3 + a, region.hi[a])] {
+                let reaches = low - plane <= reach && high - plane >= -reach;
+                count += u32::from(region.ends >> face & 1 == 1 && reaches);
+            }
+        }
+        match count {
+            0 => DomainEnd::Nowhere,
+            1 => DomainEnd::Face,
+            _ => DomainEnd::Edge,
+        }
+    }
+}
+
+/// Where a ray crosses the planes of a region's faces.
+struct Crossings {
+    /// σ at the lower and the upper plane along each axis.
+    planes: [[f64; 2]; 3],
+    /// σ for each cell along each axis; without limit where the ray does not move along it.
+    inverse: [f64; 3],
+}
+
+impl Crossings {
+    fn new(ray: &LocalRay, region: &Region) -> Self {
+        let inverse = ray.direction.to_array().map(f64::recip);
+        let planes = std::array::from_fn(|a| {
+            [region.lo[a], region.hi[a]].map(|plane| (plane - ray.origin[a]) * inverse[a])
+        });
+        Self { planes, inverse }
+    }
+
+    /// The stretch of σ in the region, and in front of the eye, if those of its `faces` (a bit each) lie
+    /// by `sign` times `off` cells farther outside; as [`crate::render::brick::walk::clip`] has it.
+    fn within(
+        &self,
+        ray: &LocalRay,
+        region: &Region,
+        off: [f64; 3],
+        faces: u8,
+        sign: f64,
+    ) -> Option<(f64, f64)> {
+        let (mut from, mut to) = (ray.sigma_min, f64::INFINITY);
+        for (a, off) in off.into_iter().enumerate() {
+            let by = |face: usize| if faces >> face & 1 == 1 { sign * off } else { 0.0 };
+            let (lower, upper, inverse) = (by(a), by(3 + a), self.inverse[a]);
+            if inverse.is_finite() {
+                let [s, t] = self.planes[a];
+                let (s, t) = (s - lower * inverse, t + upper * inverse);
+                from = from.max(s.min(t));
+                to = to.min(s.max(t));
+            } else if !(region.lo[a] - lower..region.hi[a] + upper).contains(&ray.origin[a]) {
+                return None;
+            }
+        }
+        (from < to && to.is_finite() && from.is_finite()).then_some((from, to))
+    }
+}
