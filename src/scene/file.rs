@@ -17,6 +17,8 @@ pub const MAX_SCENE_BYTES: u64 = 16 << 20;
 /// Most signs and blanks of a scene file. Every number, word and bracket of a TOML text takes about
 /// 150 bytes while it is parsed; digits do not, so positions may be as long as the file.
 const MAX_SCENE_SIGNS: usize = 160_000;
+/// Longest text that a message quotes, characters.
+const MAX_QUOTED: usize = 40;
 /// Largest width and height of a picture, pixels.
 const MAX_PIXELS_PER_AXIS: u32 = 65_536;
 /// Largest exposure, stops, of either sign: beyond it no f32 is left in range.
@@ -72,6 +74,8 @@ pub struct Scene {
     pub render: RenderSettings,
     /// What is shown.
     pub volume: VolumeSettings,
+    /// The file, for messages.
+    pub place: String,
     /// The file's text.
     pub source: String,
 }
@@ -111,8 +115,11 @@ impl Scene {
         check_signs(text, place)?;
         let lines = Text { place, source: text };
         let document = DeTable::parse(text).map_err(|error| {
-            let start = error.span().map_or(0, |span| span.start);
-            lines.error(start, format!("not valid TOML: {}", one_line(error.message())))
+            let span = error.span().unwrap_or_default();
+            let what = one_line(error.message());
+            let at = text.get(span.clone()).and_then(short_word);
+            let at = at.map_or_else(String::new, |word| format!(": `{word}`"));
+            lines.error(span.start, format!("not valid TOML: {what}{at}"))
         })?;
         let known = ["image", "camera", "render", "volume"];
         let root = Table::new(lines, "", 0, document.get_ref(), &known)?;
@@ -125,6 +132,7 @@ impl Scene {
             render: section(&root, "render", "[render]", &render::KEYS)?
                 .map_or(Ok(RenderSettings::default()), |table| RenderSettings::parse(&table))?,
             volume: parse_volumes(root.required("volume")?)?,
+            place: place.to_owned(),
             source: text.to_owned(),
         })
     }
@@ -167,6 +175,12 @@ fn check_signs(text: &str, place: &str) -> Result<()> {
 fn too_large(place: &str) -> Error {
     let limit = MAX_SCENE_BYTES >> 20;
     Error::invalid(place, format!("larger than {limit} MiB; a scene file is a short TOML text"))
+}
+
+/// A text to be quoted, if it is within one line and short.
+fn short_word(text: &str) -> Option<&str> {
+    let is_short = !text.is_empty() && text.chars().count() <= MAX_QUOTED;
+    (is_short && !text.contains(char::is_control)).then_some(text)
 }
 
 /// A foreign message without line breaks, and not too long.

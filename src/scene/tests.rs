@@ -163,7 +163,7 @@ fn whole_scenes_that_are_refused() {
         (two.as_str(), "scene.toml:6: `volume`: several volumes are not supported yet"),
         (same.as_str(), "scene.toml:3: `look_at` in [camera]: the same point"),
         ("[camera\n", "scene.toml:1: not valid TOML"),
-        ("a = 1\na = 2\n", "scene.toml:2: not valid TOML"),
+        ("a = 1\na = 2\n", "scene.toml:2: not valid TOML: duplicate key: `a`"),
         ("camera = 3\n", "scene.toml:1: `camera`: expected a table"),
     ] {
         let message = parse(text).unwrap_err().to_string();

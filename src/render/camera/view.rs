@@ -95,7 +95,8 @@ impl View {
     /// Positions out of range, `look_at` at `position` (to the precision of positions), and an
     /// `up` along the view.
     pub fn new(scene: &Scene, domain: &Domain) -> Result<Self> {
-        let view = Self::from_camera(&scene.camera, scene.image.width, scene.image.height, domain)?;
+        let view = Self::from_camera(&scene.camera, scene.image.width, scene.image.height, domain)
+            .map_err(|error| Error::request(format!("{}: {error}", scene.place)))?;
         Ok(Self { shows_cells: scene.render.interpolation == Interpolation::Cell, ..view })
     }
 
