@@ -79,7 +79,13 @@ proptest! {
         places in prop::collection::vec(prop::array::uniform3(-1.0..1.0_f64), 100),
     ) {
         let brick = surveyed(number, rough);
-        let group = brick.relief.near(centre, reach);
+        let pieces = TransferPieces::new(&smooth(), |_| 0.0).all;
+        let light = |x: f64| {
+            let piece = pieces.at(x);
+            let [r, g, b] = piece.emission(x);
+            [r.max(g).max(b), piece.extinction(x)]
+        };
+        let group = brick.relief.near(centre, reach, 2.0 * reach);
         let near = |off: &[f64; 3]| {
             let along = |a: usize| (centre[a] + reach * off[a]).clamp(0.0, EDGE as f64);
             DVec3::new(along(0), along(1), along(2))
@@ -87,9 +93,13 @@ proptest! {
         let value = |at: DVec3| brick.value_at(at, DrawnNeighbours::ALL);
         for pair in places.windows(2) {
             let (a, b) = (near(&pair[0]), near(&pair[1]));
-            prop_assert!((group.low - 1e-12..=group.high + 1e-12).contains(&value(a)));
             let most: f64 = (0..3).map(|n| group.slope[n] * (a[n] - b[n]).abs()).sum();
             prop_assert!((value(a) - value(b)).abs() <= most + 1e-12, "{a} {b} {group:?}");
+            let [p, q] = [light(value(a)), light(value(b))];
+            let change = group.change(most);
+            prop_assert!((p[1] - q[1]).abs() <= change.extinction + 1e-9, "{a} {b} {group:?}");
+            let emission = group.span.most.emission;
+            prop_assert!(p[0] <= emission + 1e-9 && (p[0] - q[0]).abs() <= change.emission + 1e-9);
         }
     }
 }
@@ -104,4 +114,24 @@ fn slopes_are_close_to_those_there_are() {
     let group = brick.relief.group(0);
     assert_eq!((group.low, group.high, group.slope), (0.0, 1.0, [1.0, 0.0, 0.0]));
     assert_eq!(group.uneven, [1.0, 0.0, 0.0]);
+}
+
+/// Two rises with nothing between, one in each of two groups: no group knows both.
+#[test]
+fn places_in_different_groups_differ_by_more_than_either_says() {
+    let data = TestData::one_level(|_, cell| 0.3 * (cell[1] + 2).div_euclid(4) as f64);
+    let mut brick = data.brick(0, [1, 0, 1], EDGE as u32, Interpolation::Linear);
+    let distance = Distance::none([0.0, 1.0]);
+    let pieces = TransferPieces::new(&smooth(), |_| 0.0).all;
+    brick.survey(&pieces, &distance, &mut Surveyor::default());
+    let extinction = |y: f64| {
+        let x = brick.value_at(DVec3::new(4.0, y, 4.0), DrawnNeighbours::ALL);
+        pieces.at(x).extinction(x)
+    };
+    let difference = extinction(6.5) - extinction(1.5);
+    let near = brick.relief.near([4.0; 3], 2.5, 5.0);
+    assert!(difference > 1.0 && near.change(5.0).extinction >= difference, "{difference} {near:?}");
+    // Those of one group, or of the next within a cell, do not.
+    let close = brick.relief.near([4.0; 3], 2.5, 1.0);
+    assert!(close.change(5.0).extinction < 0.6 * difference, "{close:?}");
 }

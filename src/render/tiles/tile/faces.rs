@@ -3,16 +3,14 @@
 //! Bricks in front and behind are not marched by the same proxies: where a ray of the square comes
 //! into the brick before the proxy does, or after, all that is there counts.
 
-use std::borrow::Cow;
-
 use glam::DVec3;
 
 use crate::render::bounds::ray_error::Sums;
 use crate::render::brick::passage::{Passage, Region};
+use crate::render::brick::relief::Nearby;
 use crate::render::brick::walk::clip;
 use crate::render::camera::frame::LocalRay;
 use crate::render::march::ray::{Beam, spread_of};
-use crate::render::transfer::span::Span;
 
 /// Cells around a place of which groups are looked at one by one.
 const MOST_REACH: f64 = 4.0;
@@ -75,10 +73,11 @@ fn at_face(
     let reach = along.max_element() + spread.iter().copied().fold(0.0, f64::max);
     let point = ray.origin + ray.direction * sigma;
     let relief = &passage.brick.relief;
+    let farthest: [f64; 3] = std::array::from_fn(|a| 2.0 * spread[a] + along[a]);
     let group = if reach > MOST_REACH {
-        Cow::Borrowed(&relief.whole)
+        Nearby::from(&relief.whole)
     } else {
-        relief.near(point.into(), reach)
+        relief.near(point.into(), reach, farthest.into_iter().fold(0.0, f64::max))
     };
     let most = group.span.most.plus(group.levels);
     let length = way * ray.length;
@@ -90,9 +89,8 @@ fn at_face(
     }
     // Rays come through one plane, at depths that are linear but for perspective; and what they meet
     // between them is the same but for how values change there.
-    let over: f64 = (0..3).map(|a| group.slope[a] * (2.0 * spread[a] + along[a])).sum();
-    let Span { slope, variation, jumps, .. } = group.span;
-    let change = slope.times(over).min(variation).plus(jumps).plus(group.levels);
+    let over: f64 = (0..3).map(|a| group.slope[a] * farthest[a]).sum();
+    let change = group.change(over).plus(group.levels);
     let is_perspective = ray.sigma_min.is_finite();
     let curved = if is_perspective { 4.0 * way / (beam.depth + sigma).abs() } else { 0.0 };
     [apart, Sums::of(change.plus(most.times(curved)), length, lit).min(apart)]
