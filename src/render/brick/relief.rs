@@ -2,6 +2,8 @@
 //! range and slopes of the interpolant. From these follow the differences between the rays of a
 //! pixel, and what it means that a brick is drawn instead of those beneath it.
 
+use std::borrow::Cow;
+
 use super::scaled::ScaledBrick;
 use super::steepness::{GroupSteepness, Steepness, Surveyor};
 use crate::render::transfer::change::Change;
@@ -39,42 +41,6 @@ pub(crate) struct Group {
     pub(crate) span: Span,
     /// Whether part of the group is void: what is drawn ends there.
     pub(crate) has_void: bool,
-}
-
-/// What groups say of places near some place, as [`Group`] has it.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Nearby {
-    /// Steepest slope of x along each axis, per cell.
-    pub(crate) slope: [f64; 3],
-    /// Change by what is beneath the brick.
-    pub(crate) levels: Change,
-    /// What the transfer function does; its variation and its steps are those between two places that
-    /// are no farther apart than was asked for.
-    pub(crate) span: Span,
-    /// Whether part of the groups is void.
-    pub(crate) has_void: bool,
-}
-
-impl From<&Group> for Nearby {
-    fn from(&Group { slope, levels, span, has_void, .. }: &Group) -> Self {
-        Self { slope, levels, span, has_void }
-    }
-}
-
-impl Nearby {
-    /// Makes of it what holds for `group` as well.
-    fn take_in(&mut self, group: &Group) {
-        self.slope = std::array::from_fn(|a| self.slope[a].max(group.slope[a]));
-        self.levels = self.levels.max(group.levels);
-        self.span = self.span.max(group.span);
-        self.has_void |= group.has_void;
-    }
-
-    /// How far light at two places may differ between which x is off by `over` by its slopes.
-    pub(crate) fn change(&self, over: f64) -> Change {
-        let Span { slope, variation, jumps, .. } = self.span;
-        slope.times(over).min(variation).plus(jumps)
-    }
 }
 
 /// The groups of a brick. Its memory is reused from brick to brick.
@@ -231,16 +197,17 @@ impl Relief {
 
     /// What holds for all within `reach` cells of `point`, of which the groups themselves know one, if
     /// places are compared that are up to `apart` cells from each other.
-    pub(crate) fn near(&self, point: [f64; 3], reach: f64, apart: f64) -> Nearby {
+    pub(crate) fn near(&self, point: [f64; 3], reach: f64, apart: f64) -> Cow<'_, Group> {
         let beyond = reach - 1.0;
         let last = self.side - 1;
         let group = |x: f64| ((x + 0.5) / GROUP_EDGE as f64).max(0.0) as usize;
         let [lo, hi] =
             [beyond.max(0.0), -beyond.max(0.0)].map(|off| point.map(|x| group(x - off).min(last)));
-        let mut all = Nearby::from(self.group((lo[2] * self.side + lo[1]) * self.side + lo[0]));
+        let first = self.group((lo[2] * self.side + lo[1]) * self.side + lo[0]);
         if lo == hi {
-            return all;
+            return Cow::Borrowed(first);
         }
+        let mut all = *first;
         for z in lo[2]..=hi[2] {
             for y in lo[1]..=hi[1] {
                 for x in lo[0]..=hi[0] {
@@ -253,7 +220,7 @@ impl Relief {
             let Span { variation, jumps, .. } = self.whole.span;
             all.span = Span { variation, jumps, ..all.span };
         }
-        all
+        Cow::Owned(all)
     }
 }
 
@@ -261,6 +228,12 @@ impl Group {
     /// Change where what is drawn ends.
     pub(crate) fn border(&self) -> Change {
         if self.has_void { self.span.most } else { Change::default() }
+    }
+
+    /// How far light at two places may differ between which x is off by `over` by its slopes.
+    pub(crate) fn change(&self, over: f64) -> Change {
+        let Span { slope, variation, jumps, .. } = self.span;
+        slope.times(over).min(variation).plus(jumps)
     }
 
     /// Change from one constant cell to any other, or to none.

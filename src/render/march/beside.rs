@@ -1,11 +1,13 @@
 //! What rays of a square meet of a brick where the square's centre is outside, and what they miss where
 //! it is inside and what is drawn ends.
 
+use std::borrow::Cow;
+
 use super::brick_account::{BrickAccount, DomainEnd, PathSegment};
 use super::ray::{Beam, rounding};
 use super::ray_state::RayState;
 use crate::render::brick::passage::{ALL_FACES, Region};
-use crate::render::brick::relief::Nearby;
+use crate::render::brick::relief::Group;
 use crate::render::camera::frame::LocalRay;
 
 /// A ray's way beside a brick is looked at in parts of this many cells.
@@ -80,10 +82,10 @@ impl Visit<'_> {
         let is_short = self.cells(rim.all()) <= PART_CELLS;
         let group = is_short.then(|| self.around(account, rim.all()));
         if span.is_some() && end == DomainEnd::Face && beam.angle != 0.0 {
-            end = self.cross_face(account, rim, group.as_ref());
+            end = self.cross_face(account, rim, group.as_deref());
         }
         let share = if span.is_some() { 0.5 } else { beam.covered.min(0.5) };
-        self.each_part(account, rim.outside, group.as_ref(), |account, group, segment| {
+        self.each_part(account, rim.outside, group.as_deref(), |account, group, segment| {
             let length = counted * segment.length;
             account.beside(group, PathSegment { length, ..segment }, share, end);
         });
@@ -91,7 +93,7 @@ impl Visit<'_> {
             return;
         }
         let share = (0.5 * f64::from(region.ends.count_ones())).min(1.0);
-        self.each_part(account, rim.inside, group.as_ref(), |account, group, segment| {
+        self.each_part(account, rim.inside, group.as_deref(), |account, group, segment| {
             account.domain_ends(group, segment, share, end);
         });
     }
@@ -108,7 +110,7 @@ impl Visit<'_> {
     }
 
     /// What holds around a stretch of σ.
-    fn around(&self, account: &BrickAccount<'_>, (from, to): (f64, f64)) -> Nearby {
+    fn around<'a>(&self, account: &BrickAccount<'a>, (from, to): (f64, f64)) -> Cow<'a, Group> {
         let Self { ray, region, .. } = *self;
         let middle = 0.5 * (from + to);
         let point = std::array::from_fn(|a| {
@@ -123,8 +125,8 @@ impl Visit<'_> {
         &self,
         account: &mut BrickAccount<'_>,
         (from, to): (f64, f64),
-        around: Option<&Nearby>,
-        mut look: impl FnMut(&mut BrickAccount<'_>, &Nearby, PathSegment),
+        around: Option<&Group>,
+        mut look: impl FnMut(&mut BrickAccount<'_>, &Group, PathSegment),
     ) {
         let cells = self.cells((from, to));
         if cells.is_nan() || cells <= 0.0 {
@@ -155,7 +157,7 @@ impl Visit<'_> {
         &self,
         account: &mut BrickAccount<'_>,
         rim: &Rim,
-        around: Option<&Nearby>,
+        around: Option<&Group>,
     ) -> DomainEnd {
         let Self { ray, beam, .. } = *self;
         let ((first, last), face) = (rim.all(), rim.face);

@@ -1,9 +1,11 @@
 //! One ray's account of what may be wrong with it, through one brick.
 
+use std::borrow::Cow;
+
 use super::absorb::{Integrator, Tally};
 use crate::render::bounds::ray_error::{RayError, Sums};
 use crate::render::bounds::touch::Spread;
-use crate::render::brick::relief::{Group, Nearby, Relief};
+use crate::render::brick::relief::{Group, Relief};
 use crate::render::transfer::change::Change;
 use crate::render::transfer::storage::Reach;
 
@@ -226,7 +228,7 @@ impl<'a> BrickAccount<'a> {
     /// and square are convex.
     pub(crate) fn beside(
         &mut self,
-        group: &Nearby,
+        group: &Group,
         segment: PathSegment,
         share: f64,
         end: DomainEnd,
@@ -248,7 +250,7 @@ impl<'a> BrickAccount<'a> {
     /// Where the domain ends at one plane, what opposite rays of the square meet more and less of
     /// it is the same but for how values `change` along the way, and for the bend of the sphere on
     /// which distances from the eye are equal.
-    fn add_face(&mut self, group: &Nearby, change: Change, segment: PathSegment, share: f64) {
+    fn add_face(&mut self, group: &Group, change: Change, segment: PathSegment, share: f64) {
         let most = group.span.most;
         let uneven = change.plus(most.times(2.0 * self.spread.angle)).min(most);
         let farthest = segment.sums(change.max(most));
@@ -260,7 +262,7 @@ impl<'a> BrickAccount<'a> {
     /// Adds what rays of the square miss where the domain ends near this one.
     pub(crate) fn domain_ends(
         &mut self,
-        group: &Nearby,
+        group: &Group,
         segment: PathSegment,
         share: f64,
         end: DomainEnd,
@@ -275,23 +277,23 @@ impl<'a> BrickAccount<'a> {
 
     /// Adds what of the distances from the eye at which the square's rays meet a face where the domain
     /// ends does not cancel: a `segment` on average.
-    pub(crate) fn bend_at_face(&mut self, group: &Nearby, segment: PathSegment) {
+    pub(crate) fn bend_at_face(&mut self, group: &Group, segment: PathSegment) {
         let sums = segment.sums(group.span.most);
         self.error.uneven = self.error.uneven.plus(sums);
     }
 
     /// What holds for the square's rays beside `point`, and for this one's way of `half` cells on
     /// both sides of it.
-    pub(crate) fn group_near(&self, point: [f64; 3], half: f64) -> Nearby {
+    pub(crate) fn group_near(&self, point: [f64; 3], half: f64) -> Cow<'a, Group> {
         let widest = self.spread.cells.iter().copied().fold(0.0, f64::max);
         if widest > 4.0 {
-            return Nearby::from(&self.relief.whole);
+            return Cow::Borrowed(&self.relief.whole);
         }
         self.relief.near(point, widest + half, widest)
     }
 
     /// How far light differs by the square's displacements.
-    fn change_beside(&self, group: &Nearby) -> Change {
+    fn change_beside(&self, group: &Group) -> Change {
         group.change((0..3).map(|a| group.slope[a] * self.spread.cells[a]).sum())
     }
 

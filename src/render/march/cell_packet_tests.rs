@@ -265,6 +265,33 @@ fn squares_are_accounted_for_as_by_single_rays() {
     }
 }
 
+/// Others of a wide square may be where levels beneath make more of a difference than at its centre.
+#[test]
+fn wide_squares_take_levels_of_all_groups() {
+    let exact = TransferPieces::new(&smooth(), |_| 0.0);
+    // Only beneath one corner of the brick there are finer levels.
+    let far = Distance { residual: 0.02, child_mask: 1, ..truth() };
+    let data = TestData::one_level(rough);
+    for interpolation in [Interpolation::Cell, Interpolation::Linear] {
+        let mut brick = data.brick(0, [0; 3], 16, interpolation);
+        brick.survey(&exact.all, &far, &mut Surveyor::default());
+        let mut setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &smooth(), 1.0);
+        (setting.passage.region.hi, setting.passage.hides) = ([16.0, 12.0, 16.0], true);
+        let rays = [ray([14.5, 10.3, 8.0], [0.01, 0.02, 1.0])];
+        for (width, has_levels) in [(0.3, false), (1.5, true)] {
+            let beam = Beam { spread: [width; 3], ..Beam::alone(0.0) };
+            let accounts = Accounts::Squares(std::slice::from_ref(&beam));
+            let found = setting.together_as(&rays, Width::best(), Care::Rough, accounts);
+            let (mut state, mut error) = (RayState::default(), RayError::default());
+            let account = Some((&mut error, &beam));
+            march(&setting.passage, &rays[0], &setting.light, &mut state, account);
+            let levels = found.errors[0].levels;
+            assert!(found.is_fit && (levels.emission > 0.0) == has_levels, "{width}: {levels:?}");
+            assert!(covers(&levels, &error.levels), "{width}: {levels:?} {error:?}");
+        }
+    }
+}
+
 /// Whether the first sums are not below the second.
 fn covers(found: &Sums, expected: &Sums) -> bool {
     let is_above = |found: f64, expected: f64| found >= expected * (1.0 - 1e-3);

@@ -3,11 +3,12 @@
 //! Bricks in front and behind are not marched by the same proxies: where a ray of the square comes
 //! into the brick before the proxy does, or after, all that is there counts.
 
+use std::borrow::Cow;
+
 use glam::DVec3;
 
 use crate::render::bounds::ray_error::Sums;
 use crate::render::brick::passage::{Passage, Region};
-use crate::render::brick::relief::Nearby;
 use crate::render::brick::walk::clip;
 use crate::render::camera::frame::LocalRay;
 use crate::render::march::ray::{Beam, spread_of};
@@ -75,7 +76,7 @@ fn at_face(
     let relief = &passage.brick.relief;
     let farthest: [f64; 3] = std::array::from_fn(|a| 2.0 * spread[a] + along[a]);
     let group = if reach > MOST_REACH {
-        Nearby::from(&relief.whole)
+        Cow::Borrowed(&relief.whole)
     } else {
         relief.near(point.into(), reach, farthest.into_iter().fold(0.0, f64::max))
     };
