@@ -28,8 +28,8 @@ pub(super) struct Visit<'v> {
     pub(super) span: Option<(f64, f64)>,
 }
 
-/// One end of the ray's way through the brick: stretches of σ over which rays of the square come into it, or
-/// leave it. Of a ray that meets nothing of it all is the first end.
+/// One end of the ray's way through the brick: stretches of σ over which rays of the square come into
+/// it, or leave it. Of a ray that meets nothing of it all is the first end.
 struct Rim {
     /// Where this one is outside.
     outside: (f64, f64),

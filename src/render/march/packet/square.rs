@@ -21,7 +21,7 @@ pub(super) struct Squares<L: Lanes> {
     /// Twice half the square's diagonal as an angle.
     turn: L::Float,
     /// Whose other rays may be more than a cell away.
-    pub(super) wide: L::Mask,
+    wide: L::Mask,
 }
 
 /// How far the values of a square's rays are from its centre's: at most; and on average but for
@@ -274,7 +274,7 @@ impl<L: Lanes> Shift<L> {
 
 /// Adds changes of emission and extinction to a packet's sums.
 #[inline(always)]
-pub(super) fn add_to<L: Lanes, const ABSORBS: bool>(
+fn add_to<L: Lanes, const ABSORBS: bool>(
     l: L,
     rows: &mut [crate::lanes::Row; 3],
     rates: [L::Float; 2],
