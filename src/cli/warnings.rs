@@ -13,10 +13,13 @@ pub(super) fn of_bound(Rendered { stats, film, .. }: &Rendered) {
     if let Some(bound) = stats.error_bound
         && bound > tolerance
     {
-        let likely = stats.error_estimate.unwrap_or(bound);
+        // Of single rays nothing more is known than their bound.
+        let likely = stats.error_estimate.filter(|likely| *likely < bound);
+        let likely = likely
+            .map_or_else(String::new, |likely| format!(" (by {likely:.2e} in all likelihood)"));
         warn(format!(
-            "pixels may be off by {bound:.2e}, more than the tolerance of {tolerance:.2e} \
-             (by {likely:.2e} in all likelihood): ask for a larger --tolerance{}",
+            "pixels may be off by {bound:.2e}, more than the tolerance of {tolerance:.2e}{likely}: \
+             ask for a larger --tolerance{}",
             other_advice(stats)
         ));
     }
