@@ -7,6 +7,7 @@ use num_bigint::BigInt;
 use num_integer::Integer;
 use num_traits::{Signed, ToPrimitive};
 
+use super::twofold::Twofold;
 use super::{Decimal, FRACTION_BITS};
 use crate::{Error, Result};
 
@@ -162,6 +163,15 @@ impl Domain {
             *decimal = format!("{sign}{whole}.{fraction}");
         }
         Ok(decimals)
+    }
+
+    /// Units of positions in a code length along each axis.
+    pub(crate) fn units_per_length(&self) -> [Twofold; 3] {
+        let units = f64::from(FRACTION_BITS).exp2();
+        std::array::from_fn(|a| {
+            let width = Twofold::sum(self.right[a], -self.left[a]);
+            Twofold::from(self.root_cells[a] as f64 * units).over(width)
+        })
     }
 
     /// `to − from` in code length: the exact difference, rounded once along each axis.

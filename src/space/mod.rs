@@ -4,11 +4,13 @@ mod boxes;
 mod decimal;
 mod domain;
 mod levels;
+mod twofold;
 
 pub use boxes::IndexBox;
 pub use decimal::Decimal;
 pub use domain::{Domain, MAX_ROOT_CELLS, Position};
 pub use levels::{Levels, cells_at};
+pub(crate) use twofold::Twofold;
 
 /// Fraction bits of a [`Position`]: one unit is 2⁻⁹⁶ of a root cell's width.
 pub const FRACTION_BITS: u32 = 96;

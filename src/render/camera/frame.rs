@@ -3,9 +3,12 @@
 use glam::{DVec2, DVec3};
 
 use super::view::{Aim, Basis, nothing_of};
+use crate::space::Twofold;
 
 /// Outward rounding of footprints, relative to what they are computed from.
 const MARGIN: f64 = 1e-12;
+/// Rounding of offsets in units, relative, and more: 2⁻⁹⁶.
+const OFFSET_ROUNDING: f64 = 1.0 / (1_u128 << 96) as f64;
 
 /// The camera as one brick sees it: relative to an exact point of the view axis near the brick.
 #[derive(Debug, Clone, Copy)]
@@ -23,6 +26,8 @@ pub struct Frame {
     pub(crate) cell_width: DVec3,
     /// Cells per code length along each axis.
     pub(crate) cells_per_length: DVec3,
+    /// Units of positions in a code length along each axis.
+    pub(crate) units_per_length: [Twofold; 3],
     /// The directions of the camera.
     pub(crate) basis: Basis,
     /// Whether rays leave from one eye point; else all go along the view direction.
@@ -86,7 +91,7 @@ impl Frame {
             }
         };
         if aim.stays {
-            self.settle(&mut ray, aim.plane);
+            self.settle(&mut ray, aim);
         }
         ray
     }
@@ -95,17 +100,31 @@ impl Frame {
     /// two bricks that share a face holds it: taken in whole units, alike in every frame, and rounded
     /// down like positions, so that exactly one does. That of a perspective view's ray is the eye's own.
     #[cold]
-    fn settle(&self, ray: &mut LocalRay, plane: DVec2) {
-        let stays = self.basis.stays(plane, self.is_perspective);
-        let aside = self.basis.aside(plane);
+    fn settle(&self, ray: &mut LocalRay, aim: &Aim) {
+        let stays = self.basis.stays(aim.plane, self.is_perspective);
+        let aside = self.basis.aside(aim.plane);
         for a in (0..3).filter(|&a| stays.test(a)) {
-            let is_beside = !self.is_perspective && aside[a].abs() > nothing_of(plane);
-            let offset = if is_beside { aside[a] } else { 0.0 };
-            let offset = (offset / self.cell_width[a] / self.cells_per_unit).round() as i128;
-            let units = self.start_units[a].saturating_add(offset);
+            let is_beside = !self.is_perspective && aside[a].abs() > nothing_of(aim.plane);
+            let units = if is_beside { self.units_beside(aim, a) } else { self.start_units[a] };
             ray.origin[a] = rounded_down(units) * self.cells_per_unit;
             ray.direction[a] = 0.0;
         }
+    }
+
+    /// Where an orthographic view's ray is along axis `a`, in units. What may be a face of the brick's
+    /// cells as far as rounding tells is one: it is less than a hundredth of any cell.
+    fn units_beside(&self, aim: &Aim, a: usize) -> i128 {
+        let Basis { right, up, .. } = self.basis;
+        let rest = right[a] * aim.rest.x + up[a] * aim.rest.y;
+        let aside = Twofold::product(right[a], aim.plane.x)
+            .plus(Twofold::product(up[a], aim.plane.y))
+            .plus(Twofold::from(rest));
+        let offset = aside.times(self.units_per_length[a]);
+        let units = self.start_units[a].saturating_add(offset.floor());
+        let close = (offset.high.abs() * OFFSET_ROUNDING) as i128 + 1;
+        let per_cell = self.cells_per_unit.recip() as i128;
+        let face = units.saturating_add(per_cell / 2) & -per_cell;
+        if (face - units).abs() <= close { face } else { units }
     }
 
     /// The length, code length, of about the longest way through a box of `edge` cells along each

@@ -225,20 +225,21 @@ impl PixelGrid {
         self.view.plane(x, y)
     }
 
-    /// (P, Q) of a square's ray.
-    pub(crate) fn plane(&self, square: &Square) -> DVec2 {
-        let per = f64::from(self.per_axis());
-        match self.samples {
-            Samples::Area => self.plane_at(square.place()),
-            Samples::Grid(_) => {
-                self.view.plane_in(square.centre.map(|place| (2.0 * per * place).round()), per)
-            }
-        }
+    /// The ray of a square.
+    pub(crate) fn aim(&self, square: &Square) -> Aim {
+        let (place, per) = self.halves(square);
+        self.view.aim_in(place, per)
     }
 
-    /// The ray through (P, Q) = `plane`.
-    pub(crate) fn aim(&self, plane: DVec2) -> Aim {
-        self.view.aim(plane)
+    /// Where a square's ray is, in halves of a pixel's part, of which so many make a pixel.
+    fn halves(&self, square: &Square) -> ([f64; 2], f64) {
+        match self.samples {
+            Samples::Area => (square.place().map(|place| 2.0 * place), 1.0),
+            Samples::Grid(_) => {
+                let per = f64::from(self.per_axis());
+                (square.centre.map(|place| (2.0 * per * place).round()), per)
+            }
+        }
     }
 
     /// Width and height in P and Q of what a pixel stands for.

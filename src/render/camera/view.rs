@@ -5,7 +5,7 @@ use glam::{BVec3, DVec2, DVec3};
 use super::axis::axis_point;
 use super::frame::Frame;
 use crate::scene::{CameraSettings, Interpolation, Projection, Scene};
-use crate::space::{Domain, FRACTION_BITS, Position};
+use crate::space::{Domain, FRACTION_BITS, Position, Twofold};
 use crate::{Error, Result};
 
 /// An `up` closer to the view direction than this (sine of the angle) has no direction left.
@@ -33,7 +33,8 @@ impl Basis {
     pub(super) fn aim(&self, plane: DVec2, is_perspective: bool) -> Aim {
         let along = self.forward + self.aside(plane);
         let length = if is_perspective { along.length() } else { 1.0 };
-        Aim { plane, length, stays: self.stays(plane, is_perspective).any() }
+        let stays = self.stays(plane, is_perspective).any();
+        Aim { plane, rest: DVec2::ZERO, length, stays }
     }
 
     /// From the view axis to (P, Q) = `plane`, at a depth of 1.
@@ -62,6 +63,8 @@ pub(super) fn nothing_of(plane: DVec2) -> f64 {
 pub(crate) struct Aim {
     /// (P, Q).
     pub(crate) plane: DVec2,
+    /// What rounding has left of them, where the side of a face may hang on it.
+    pub(super) rest: DVec2,
     /// How long the way along it is for each unit of depth.
     pub(crate) length: f64,
     /// Whether there is an axis that it does not move along.
@@ -84,6 +87,8 @@ pub struct View {
     is_perspective: bool,
     /// P and Q at the picture's right and upper edge.
     half: DVec2,
+    /// Units of positions in a code length along each axis.
+    units_per_length: [Twofold; 3],
     /// Whether cells are seen as such, with edges of their own.
     shows_cells: bool,
 }
@@ -143,6 +148,7 @@ impl View {
             basis: basis(ahead, camera.up)?,
             is_perspective,
             half: DVec2::new(f64::from(width) * half_height / f64::from(height), half_height),
+            units_per_length: domain.units_per_length(),
             shows_cells: false,
         })
     }
@@ -157,9 +163,18 @@ impl View {
         self.height
     }
 
-    /// The ray through (P, Q) = `plane`.
-    pub(super) fn aim(&self, plane: DVec2) -> Aim {
-        self.basis.aim(plane, self.is_perspective)
+    /// The ray through a place, as [`Self::plane_in`] has it.
+    pub(super) fn aim_in(&self, place: [f64; 2], per: f64) -> Aim {
+        let aim = self.basis.aim(self.plane_in(place, per), self.is_perspective);
+        if !aim.stays || self.is_perspective {
+            return aim;
+        }
+        let [x, y] = self.parts_in(place, per).map(|part| {
+            let height = Twofold::from(per * f64::from(self.height));
+            Twofold::product(part, self.half.y).over(height)
+        });
+        let left = |exact: Twofold, rounded: f64| (exact.high - rounded) + exact.low;
+        Aim { rest: DVec2::new(left(x, aim.plane.x), left(y, aim.plane.y)), ..aim }
     }
 
     /// (P, Q) of a place in pixels from the picture's left and upper edge: i + ½ and j + ½ for
@@ -171,9 +186,15 @@ impl View {
     /// (P, Q) of a place in halves of a pixel's `per`-th, from the picture's left and upper edge.
     /// Where these are whole numbers, P and Q are rounded once, or twice if the view's height takes
     /// many bits: rays that lie in faces of cells do so exactly.
-    pub(super) fn plane_in(&self, [x, y]: [f64; 2], per: f64) -> DVec2 {
-        let (width, height) = (per * f64::from(self.width), per * f64::from(self.height));
-        DVec2::new((x - width) * self.half.y / height, (height - y) * self.half.y / height)
+    pub(super) fn plane_in(&self, place: [f64; 2], per: f64) -> DVec2 {
+        let height = per * f64::from(self.height);
+        DVec2::from_array(self.parts_in(place, per).map(|part| part * self.half.y / height))
+    }
+
+    /// Where a place lies to the right of the picture's middle and above, in halves of a pixel's
+    /// `per`-th.
+    fn parts_in(&self, [x, y]: [f64; 2], per: f64) -> [f64; 2] {
+        [x - per * f64::from(self.width), per * f64::from(self.height) - y]
     }
 
     /// Whether edges may run along rows or columns of pixels within `reach` of (P, Q) = `plane`: all
@@ -253,6 +274,7 @@ impl View {
             cells_per_unit,
             depth: t * self.distance,
             cell_width,
+            units_per_length: self.units_per_length,
             cells_per_length: cell_width.recip(),
             basis: self.basis,
             is_perspective: self.is_perspective,

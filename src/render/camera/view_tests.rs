@@ -2,6 +2,7 @@
 
 use glam::{DVec2, DVec3};
 use num_bigint::BigInt;
+use num_integer::Integer;
 use num_traits::ToPrimitive;
 use proptest::prelude::*;
 
@@ -348,4 +349,64 @@ proptest! {
             }
         }
     }
+}
+
+/// Which cell of `octree` holds the place `part`/`parts` of the view's height above the camera, which is
+/// at so many hundredths, along y: by whole numbers alone.
+fn cell_above(
+    domain: &Domain,
+    octree: u32,
+    hundredths: i64,
+    height: f64,
+    [part, parts]: [i64; 2],
+) -> BigInt {
+    let [left, right, height] =
+        [domain.left()[1], domain.right()[1], height].map(|x| Fixed::from_f64(x).0);
+    let eye = (BigInt::from(hundredths) << BITS) * parts;
+    let place: BigInt = eye + (height * part - &left * parts) * 100;
+    let cells = BigInt::from(domain.root_cells()[1]) << octree;
+    let width: BigInt = (right - left) * parts * 100;
+    BigInt::div_floor(&(place * cells), &width)
+}
+
+/// A parallel view along z with rows of pixels in faces of cells, or a hair beside them.
+#[test]
+fn rays_beside_faces_are_in_the_cells_that_hold_them() {
+    let domains =
+        [([-0.3, 0.1, -1.0], [0.9, 0.9, 0.6]), ([0.0; 3], [0.8; 3]), ([0.0; 3], [0.3; 3])];
+    let (mut faces, mut hairs) = (0, 0);
+    for (left, right) in domains {
+        let domain = Domain::new(left, right, [24, 20, 16]).unwrap();
+        for (position, height) in [(50, 0.8), (40, 0.8), (15, 0.3), (50, 0.4), (30, 0.2)] {
+            let parallel = Projection::Orthographic { height };
+            let at = format!("0.{position}");
+            let mut settings =
+                camera(parallel, ["0.31", at.as_str(), "-2"], ["0.31", at.as_str(), "0.7"]);
+            settings.up = DVec3::Y;
+            for rows in [1, 4, 10, 15, 32, 48, 240] {
+                let view = View::from_camera(&settings, 7, rows, &domain).unwrap();
+                for (octree, per) in [(0, 1), (3, 1), (20, 1), (5, 3)] {
+                    for n in 0..i64::from(rows) * per {
+                        // The middle of the row's `n`-th part, from above.
+                        let parts = 2 * i64::from(rows) * per;
+                        let part = [i64::from(rows) * per - (2 * n + 1), parts];
+                        let expected = cell_above(&domain, octree, position, height, part);
+                        let corner = domain.cell_corner(octree as i32, [0; 3]);
+                        let frame = view.frame(&corner, octree as i32, 8.0);
+                        let place = [7.0, (2 * n + 1) as f64];
+                        let found = frame.ray_of(&view.aim_in(place, per as f64)).origin.y;
+                        assert_eq!(
+                            BigInt::from(found.floor() as i128),
+                            expected,
+                            "{rows} {n} {octree}"
+                        );
+                        let off = (found - found.round()).abs();
+                        faces += u32::from(off == 0.0);
+                        hairs += u32::from(off > 0.0 && off < 1e-12);
+                    }
+                }
+            }
+        }
+    }
+    assert!(faces > 100 && hairs > 100, "{faces} {hairs}");
 }

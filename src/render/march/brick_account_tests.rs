@@ -105,7 +105,7 @@ impl<'s> Stage<'s> {
         let (mut states, mut errors) = ([RayState::default()], [RayError::default()]);
         let mut packets = Packets::new();
         let light = &self.light;
-        let (plane, half) = (self.grid.plane(square), self.grid.pixel_size() * square.half());
+        let (plane, half) = (self.grid.aim(square).plane, self.grid.pixel_size() * square.half());
         for Part { brick, region, frame, footprint } in &self.parts {
             let whole =
                 Passage { brick, region: *region, drawn: DrawnNeighbours::ALL, hides: false };

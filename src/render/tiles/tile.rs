@@ -164,7 +164,7 @@ impl Tile {
         self.squares.extend_from_slice(squares);
         self.aims.clear();
         self.pixel = grid.pixel_size();
-        self.aims.extend(squares.iter().map(|square| grid.aim(grid.plane(square))));
+        self.aims.extend(squares.iter().map(|square| grid.aim(square)));
         self.states.clear();
         self.states.resize(squares.len(), RayState::default());
         self.errors.clear();

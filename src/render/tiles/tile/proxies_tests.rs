@@ -10,6 +10,7 @@ use crate::render::march::ray_tests::{shells, smooth};
 use crate::render::testing::data::{BRICKS, TestData, bent, linear, rough};
 use crate::render::testing::scene::{scene, view};
 use crate::render::transfer::pieces::TransferPieces;
+use crate::space::Twofold;
 
 /// Pixels of the picture, and of the tile in its middle.
 const PICTURE: u32 = 1024;
@@ -45,6 +46,7 @@ fn frame(
         } else {
             (grid.pixel_size().x / pixel * DVec3::ONE).recip()
         },
+        units_per_length: [Twofold::default(); 3],
         basis,
         is_perspective,
     }
