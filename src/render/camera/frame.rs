@@ -120,11 +120,16 @@ impl Frame {
             .plus(Twofold::product(up[a], aim.plane.y))
             .plus(Twofold::from(rest));
         let offset = aside.times(self.units_per_length[a]);
+        if !offset.high.is_finite() {
+            // As far away as numbers go: beside nothing.
+            let far = aside.high * self.units_per_length[a].high;
+            return self.start_units[a].saturating_add(far as i128);
+        }
         let units = self.start_units[a].saturating_add(offset.floor());
-        let close = (offset.high.abs() * OFFSET_ROUNDING) as i128 + 1;
+        let close = ((offset.high.abs() * OFFSET_ROUNDING) as i128).saturating_add(1);
         let per_cell = self.cells_per_unit.recip() as i128;
         let face = units.saturating_add(per_cell / 2) & -per_cell;
-        if (face - units).abs() <= close { face } else { units }
+        if face.abs_diff(units) <= close.unsigned_abs() { face } else { units }
     }
 
     /// The length, code length, of about the longest way through a box of `edge` cells along each

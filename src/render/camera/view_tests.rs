@@ -410,3 +410,17 @@ fn rays_beside_faces_are_in_the_cells_that_hold_them() {
     }
     assert!(faces > 100 && hairs > 100, "{faces} {hairs}");
 }
+
+#[test]
+fn rays_of_the_widest_views_are_far_away() {
+    for height in [1e200, 1e290, 1e300] {
+        let parallel = Projection::Orthographic { height };
+        let mut settings = camera(parallel, ["0.3", "0.7", "-2"], ["0.3", "0.7", "1.4"]);
+        settings.up = DVec3::Y;
+        let view = View::from_camera(&settings, 3, 3, &domain()).unwrap();
+        let frame = view.frame(&domain().cell_corner(0, [0; 3]), 0, 8.0);
+        let [upper, middle, lower] =
+            [1.0, 3.0, 5.0].map(|y| frame.ray_of(&view.aim_in([3.0, y], 1.0)).origin.y);
+        assert!(upper > 1e8 && lower < -1e8 && middle.abs() < 100.0, "{upper} {middle} {lower}");
+    }
+}
