@@ -5,19 +5,50 @@ use crate::render::camera::frame::LocalRay;
 /// The stretch [from, to] of σ in which `ray` is inside the box [lo, hi] (local cells) and in
 /// front of the eye, if there is one.
 pub(crate) fn clip(ray: &LocalRay, lo: [f64; 3], hi: [f64; 3]) -> Option<(f64, f64)> {
-    let (mut from, mut to) = (ray.sigma_min, f64::INFINITY);
-    let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
-    for a in 0..3 {
-        let inverse = direction[a].recip();
-        if inverse.is_finite() {
-            let (s, t) = ((lo[a] - origin[a]) * inverse, (hi[a] - origin[a]) * inverse);
-            from = from.max(s.min(t));
-            to = to.min(s.max(t));
-        } else if !(lo[a]..hi[a]).contains(&origin[a]) {
-            return None;
-        }
+    Crossings::new(ray, lo, hi).within(ray, [0.0; 3], 0)
+}
+
+/// Where a ray crosses the planes of a box's faces.
+pub(crate) struct Crossings {
+    /// The box.
+    lo: [f64; 3],
+    hi: [f64; 3],
+    /// σ at the lower and the upper plane along each axis.
+    planes: [[f64; 2]; 3],
+    /// σ for each cell along each axis; without limit where the ray does not move along it.
+    inverse: [f64; 3],
+}
+
+impl Crossings {
+    /// Of a ray and the box [lo, hi] (local cells).
+    #[inline]
+    pub(crate) fn new(ray: &LocalRay, lo: [f64; 3], hi: [f64; 3]) -> Self {
+        let inverse = ray.direction.to_array().map(f64::recip);
+        let planes = std::array::from_fn(|a| {
+            [lo[a], hi[a]].map(|plane| (plane - ray.origin[a]) * inverse[a])
+        });
+        Self { lo, hi, planes, inverse }
     }
-    (from < to && to.is_finite() && from.is_finite()).then_some((from, to))
+
+    /// The stretch of σ in which the ray is inside and in front of the eye, if there is one, where those
+    /// of the box's `faces` (a bit each: lower ones, then upper ones) lie `off` cells farther outside.
+    #[inline]
+    pub(crate) fn within(&self, ray: &LocalRay, off: [f64; 3], faces: u8) -> Option<(f64, f64)> {
+        let (mut from, mut to) = (ray.sigma_min, f64::INFINITY);
+        for (a, off) in off.into_iter().enumerate() {
+            let by = |face: usize| if faces >> face & 1 == 1 { off } else { 0.0 };
+            let (lower, upper, inverse) = (by(a), by(3 + a), self.inverse[a]);
+            if inverse.is_finite() {
+                let [s, t] = self.planes[a];
+                let (s, t) = (s - lower * inverse, t + upper * inverse);
+                from = from.max(s.min(t));
+                to = to.min(s.max(t));
+            } else if !(self.lo[a] - lower..self.hi[a] + upper).contains(&ray.origin[a]) {
+                return None;
+            }
+        }
+        (from < to && to.is_finite() && from.is_finite()).then_some((from, to))
+    }
 }
 
 /// One cell on the way.

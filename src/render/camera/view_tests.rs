@@ -424,3 +424,12 @@ fn rays_of_the_widest_views_are_far_away() {
         assert!(upper > 1e8 && lower < -1e8 && middle.abs() < 100.0, "{upper} {middle} {lower}");
     }
 }
+
+#[test]
+fn messages_about_cameras_name_the_scene() {
+    let text = "[camera]\nposition = [0.3, 0.7, -2]\nlook_at = [0.3, 0.7, 1.4]\nup = [0, 0, 1]\n\
+                [[volume]]\nfield = \"Density\"\n";
+    let scene = Scene::parse(text, "here.toml").unwrap();
+    let message = View::new(&scene, &domain()).unwrap_err().to_string();
+    assert!(message.starts_with("here.toml: camera: up"), "{message}");
+}

@@ -8,6 +8,7 @@ use super::ray::{Beam, rounding};
 use super::ray_state::RayState;
 use crate::render::brick::passage::{ALL_FACES, Region};
 use crate::render::brick::relief::Group;
+use crate::render::brick::walk::Crossings;
 use crate::render::camera::frame::LocalRay;
 
 /// A ray's way beside a brick is looked at in parts of this many cells.
@@ -51,8 +52,8 @@ impl Visit<'_> {
     pub(super) fn look_beside(&self, account: &mut BrickAccount<'_>) {
         let Self { ray, region, beam, .. } = *self;
         let spread = account.spread();
-        let crossings = Crossings::new(ray, region);
-        let Some(wide) = crossings.within(ray, region, spread, ALL_FACES, 1.0) else { return };
+        let crossings = Crossings::new(ray, region.lo, region.hi);
+        let Some(wide) = crossings.within(ray, spread, ALL_FACES) else { return };
         let inside = self.span.map_or(0.0, |(from, to)| (to - from) * ray.length);
         let across: f64 = (0..3).map(|a| (region.hi[a] - region.lo[a]) * beam.advance[a]).sum();
         let all = (wide.1 - wide.0) * ray.length;
@@ -66,7 +67,7 @@ impl Visit<'_> {
         let kept = if region.ends == 0 {
             (from, to)
         } else {
-            crossings.within(ray, region, spread, region.ends, -1.0).unwrap_or((to, from))
+            crossings.within(ray, spread.map(|off| -off), region.ends).unwrap_or((to, from))
         };
         let enters = Rim { outside: (wide.0, from), inside: (from, kept.0), face: from };
         let leaves = Rim { outside: (to, wide.1), inside: (kept.1, to), face: to };
@@ -198,49 +199,5 @@ impl Visit<'_> {
             1 => DomainEnd::Face,
             _ => DomainEnd::Edge,
         }
-    }
-}
-
-/// Where a ray crosses the planes of a region's faces.
-struct Crossings {
-    /// σ at the lower and the upper plane along each axis.
-    planes: [[f64; 2]; 3],
-    /// σ for each cell along each axis; without limit where the ray does not move along it.
-    inverse: [f64; 3],
-}
-
-impl Crossings {
-    fn new(ray: &LocalRay, region: &Region) -> Self {
-        let inverse = ray.direction.to_array().map(f64::recip);
-        let planes = std::array::from_fn(|a| {
-            [region.lo[a], region.hi[a]].map(|plane| (plane - ray.origin[a]) * inverse[a])
-        });
-        Self { planes, inverse }
-    }
-
-    /// The stretch of σ in the region, and in front of the eye, if those of its `faces` (a bit each) lie
-    /// by `sign` times `off` cells farther outside; as [`crate::render::brick::walk::clip`] has it.
-    fn within(
-        &self,
-        ray: &LocalRay,
-        region: &Region,
-        off: [f64; 3],
-        faces: u8,
-        sign: f64,
-    ) -> Option<(f64, f64)> {
-        let (mut from, mut to) = (ray.sigma_min, f64::INFINITY);
-        for (a, off) in off.into_iter().enumerate() {
-            let by = |face: usize| if faces >> face & 1 == 1 { sign * off } else { 0.0 };
-            let (lower, upper, inverse) = (by(a), by(3 + a), self.inverse[a]);
-            if inverse.is_finite() {
-                let [s, t] = self.planes[a];
-                let (s, t) = (s - lower * inverse, t + upper * inverse);
-                from = from.max(s.min(t));
-                to = to.min(s.max(t));
-            } else if !(region.lo[a] - lower..region.hi[a] + upper).contains(&ray.origin[a]) {
-                return None;
-            }
-        }
-        (from < to && to.is_finite() && from.is_finite()).then_some((from, to))
     }
 }

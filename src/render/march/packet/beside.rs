@@ -10,7 +10,7 @@ use crate::lanes::Lanes;
 
 /// The squares of a packet's rays, and what their rays see differently.
 pub(super) struct Beside<L: Lanes> {
-    squares: Squares<L>,
+    pub(super) squares: Squares<L>,
     /// [`Packet::aside`].
     aside: [[L::Float; 3]; 2],
     /// [`Packet::farthest`].
@@ -70,18 +70,6 @@ impl<L: Lanes> Beside<L> {
             sum = l.add(sum, both);
         }
         sum
-    }
-
-    /// What levels beneath make others be off by, where `rates` are those of a ray's own group.
-    #[inline(always)]
-    pub(super) fn levels(
-        &self,
-        l: L,
-        brick: &PacketBrick<'_>,
-        rates: [L::Float; 2],
-        active: L::Mask,
-    ) -> [L::Float; 2] {
-        self.squares.levels(l, brick, rates, active)
     }
 
     /// Writes what they see differently back to the packet.

@@ -116,7 +116,7 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(
         if !brick.levels.is_empty() {
             let mut rates = rates_at(l, brick.levels, walk.group(brick.groups), active);
             if has_squares {
-                rates = beside.levels(l, brick, rates, active);
+                rates = beside.squares.levels(l, brick, rates, active);
             }
             sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, lit, way);
         }
