@@ -142,7 +142,8 @@ impl<'s> Renderer<'s> {
         }
         let cut = goal.first_cut();
         let census = self.census(pixels, &cut, self.pieces(&transfer))?;
-        let method = if is_exact && !pixels.has_area() {
+        let is_once = is_exact && !pixels.has_area();
+        let method = if is_once {
             Method::Once { cut: Cut::FullDepth, accounts: true }
         } else {
             Method::Within(goal)
@@ -153,7 +154,7 @@ impl<'s> Renderer<'s> {
             Tolerance::Relative(part) if !is_exact => Some(part),
             _ => None,
         };
-        if !is_exact {
+        if !is_once {
             picture.light.packets = Some(self.packets_for(&goal));
         }
         self.draw_within(&mut picture, &mut goal, part, samples)?;
@@ -197,7 +198,7 @@ impl<'s> Renderer<'s> {
             goal.tolerance = FIRST_TRY * limit;
             goal.behind = largest;
             if let Some(packets) = &mut picture.light.packets {
-                packets.aim(PACKET_SHARE * goal.tolerance, goal.behind);
+                packets.aim(goal.of_packets(), goal.behind);
             }
             picture.method = Method::Within(*goal);
         }
@@ -263,7 +264,7 @@ impl<'s> Renderer<'s> {
 
     /// What packets march by towards a goal.
     fn packets_for(&self, goal: &Goal) -> PacketTransfer {
-        self.packets(Some(PACKET_SHARE * goal.tolerance), goal.behind)
+        self.packets(Some(goal.of_packets()), goal.behind)
     }
 
     /// What packets march by, which may be off by `allowed` along a ray.
@@ -342,8 +343,6 @@ impl<'s> Renderer<'s> {
 const QUADRATURE_SHARE: f64 = 0.05;
 /// How much closer the transfer function is followed where packets bound its bends.
 const CLOSE: f64 = 0.02;
-/// The part of a tolerance that the march of packets may take.
-const PACKET_SHARE: f64 = 0.25;
 /// The part of a tolerance that may be lost behind a ray's end.
 const ENDING_SHARE: f64 = 0.02;
 

@@ -46,9 +46,8 @@ pub(crate) const DEEPEST: f32 = 1.0;
 pub(crate) enum Care {
     /// In packets.
     Rough,
-    /// In packets that allow a cell less, or far less.
+    /// In packets that allow a cell far less.
     Fine,
-    Finest,
     /// One by one.
     Exact,
 }
@@ -58,8 +57,7 @@ impl Care {
     pub(crate) fn more(self) -> Self {
         match self {
             Self::Rough => Self::Fine,
-            Self::Fine => Self::Finest,
-            Self::Finest | Self::Exact => Self::Exact,
+            Self::Fine | Self::Exact => Self::Exact,
         }
     }
 
@@ -70,11 +68,7 @@ impl Care {
 
     /// What a single cell may be off by, as a part of what a ray may be.
     pub(super) fn share_of_cell(self) -> f64 {
-        match self {
-            Self::Rough => 1.0 / 8.0,
-            Self::Fine => 1.0 / 64.0,
-            Self::Finest | Self::Exact => 1.0 / 4096.0,
-        }
+        if self == Self::Rough { 1.0 / 8.0 } else { 1.0 / 64.0 }
     }
 }
 

@@ -175,7 +175,7 @@ proptest! {
         let exact = TransferPieces::new(&function, |_| 0.0);
         let brick = surveyed(&data, (level, at), &exact);
         let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &function, allowed);
-        for care in [Care::Rough, Care::Fine, Care::Finest] {
+        for care in [Care::Rough, Care::Fine] {
             let found = setting.together(&rays, Width::best(), care);
             if found.is_fit {
                 setting.check(&rays, &found)?;
@@ -220,7 +220,7 @@ proptest! {
         place in 0..UNTIDY_BRICKS.len(),
         number in 0..4usize,
         width in prop_oneof![Just(None), (0.01..1.5_f64).prop_map(Some)],
-        care in prop_oneof![Just(Care::Rough), Just(Care::Fine), Just(Care::Finest)],
+        care in prop_oneof![Just(Care::Rough), Just(Care::Fine)],
         hides in any::<bool>(),
     ) {
         let data = TestData::new(rough);
@@ -291,15 +291,14 @@ fn more_care_means_a_smaller_bound_and_packets_do_pass() {
     for (place, is_rough) in BRICKS.into_iter().flat_map(|place| [(place, true), (place, false)]) {
         let data = TestData::new(if is_rough { rough } else { linear });
         let brick = surveyed(&data, place, &exact);
-        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &smooth(), 1.0);
-        let [once, four, most] = [Care::Rough, Care::Fine, Care::Finest].map(|care| {
+        let setting = Setting::new(&brick, DrawnNeighbours::ALL, &exact, &smooth(), 0.03);
+        let [once, more] = [Care::Rough, Care::Fine].map(|care| {
             let found = setting.together(&rays, Width::best(), care);
             assert!(found.is_fit && found.samples > 0);
             setting.check(&rays, &found).unwrap()
         });
         let less = if is_rough { 0.5 } else { 1.0 };
-        assert!(four[1] <= once[1], "{place:?}: {once:?} {four:?}");
-        assert!(most[1] <= less * once[1] && most[1] <= four[1], "{place:?}: {once:?} {most:?}");
+        assert!(more[1] <= less * once[1], "{place:?}: {once:?} {more:?}");
         // Of values without any order, and of a linear field.
         let limits = if is_rough { [2e-2, 10.0] } else { [1e-3, 0.1] };
         assert!(once[0] < limits[0] && once[1] < limits[1], "{place:?}: {once:?}");

@@ -11,6 +11,10 @@ const FIRST_LIMIT: f64 = 0.3;
 /// smaller limits, which should find it in as many digits as before.
 const FIRST_DIGITS: f64 = 0.15;
 const FIRST_DIGITS_OF_AREAS: f64 = 0.04;
+/// The part of it that the march of packets may take; of areas, no less than that part of so much of the
+/// light that is expected: so far most of them are off by more for want of rays.
+const PACKETS: f64 = 0.25;
+const LEAST_OF_AREAS: f64 = 3e-5;
 /// The slowest that bounds are taken to fall: with this power of the number of rays.
 const SLOWEST: f64 = 0.05;
 /// Cuts that allow less than this part of the goal for a brick are none.
@@ -50,6 +54,12 @@ impl Goal {
     pub(crate) fn first_cut(&self) -> Cut {
         let digits = if self.has_area { FIRST_DIGITS_OF_AREAS } else { FIRST_DIGITS };
         self.cut(FIRST_LIMIT * self.tolerance, digits * self.tolerance)
+    }
+
+    /// What the march of packets may be off by along a ray.
+    pub(crate) fn of_packets(&self) -> f64 {
+        let least = if self.has_area { LEAST_OF_AREAS * self.behind } else { 0.0 };
+        PACKETS * self.tolerance.max(least)
     }
 
     /// Leaves pixels' areas to rays that stand for themselves: their bounds are out of reach.

@@ -5,10 +5,12 @@ mod alone;
 mod neighbours;
 mod prospect;
 mod rim;
+mod trial;
 
 use self::neighbours::{First, MOST_BLOCKS};
 use self::prospect::GroupInHand;
 use self::rim::Rim;
+use self::trial::Trial;
 use super::pixel::Pixel;
 use super::waiting::{FEW_PIXELS, Found, GROUP_PIXELS, ToDo, Urgency, Waiting};
 use crate::render::bounds::grade::Care;
@@ -23,6 +25,9 @@ const LEVELS_SHARE: f64 = 0.5;
 /// The parts that may come from digits that are not read, and from the march of packets, likewise.
 const DIGITS_SHARE: f64 = 0.3;
 const MARCH_SHARE: f64 = 0.4;
+/// Rays that the march of packets lets be off by so many times what they may be are marched one by one:
+/// packets of more care are off by an eighth, or a little less.
+const FAR: f64 = 16.0;
 /// A cut is made finer by at least, and at most, these factors.
 const FINER: [f64; 2] = [0.5, 1.0 / 32.0];
 /// Squares are not halved more often: their centres are exact to f64 then.
@@ -36,8 +41,9 @@ pub(crate) struct Batch {
     pub(crate) squares: Vec<Square>,
     /// Which bricks are opened for them.
     pub(crate) cut: Cut,
-    /// How they are marched.
+    /// How they are marched, and how those have been that are marched again.
     pub(crate) care: Care,
+    before: Care,
     /// Whether they stand for their squares, not for themselves.
     pub(crate) has_area: bool,
     /// Whether they are at the tile's outer sides, only to tell of these.
@@ -89,6 +95,7 @@ pub(crate) struct Sheet {
     alone_by_few: Vec<u64>,
     /// What squares that were quartered might be off by, and what their quarters may.
     fallen: [f64; 2],
+    trial: Trial,
     group: Option<GroupInHand>,
     /// What the first ray of each pixel has found; and by how much, in each block of pixels, a mean
     /// has differed from what neighbours foretold.
@@ -133,6 +140,7 @@ impl Sheet {
         self.alone_by_few.clear();
         self.alone_by_few.resize(rect.count().div_ceil(FEW_PIXELS), 0);
         self.fallen = [0.0; 2];
+        self.trial = Trial::default();
         self.group = None;
         self.firsts.clear();
         self.firsts.resize(rect.count(), First::default());
@@ -140,8 +148,9 @@ impl Sheet {
         self.waiting.clear();
         let has_area = grid.has_area();
         let (again, wholes) = Default::default();
+        let [care, before] = [Care::Rough; 2];
         self.first =
-            Some(Batch { squares, cut, care: Care::Rough, has_area, is_rim: false, again, wholes });
+            Some(Batch { squares, cut, care, before, has_area, is_rim: false, again, wholes });
     }
 
     /// The next rays to march; none when all pixels are known.
@@ -169,16 +178,17 @@ impl Sheet {
                 Chosen { again: Vec::new(), wholes }
             } else {
                 self.settle(grid, group, &found, !to_do.quartered);
-                self.still_bad(grid, group, &found, &to_do)
+                let chosen = self.still_bad(grid, group, &found, &to_do);
+                self.with_promise(grid, chosen, &to_do)
             };
             let mut squares: Vec<_> = again.iter().map(|found| found.square).collect();
             let reach = |whole: &Found| if to_do.alone { self.scatter(whole) } else { 0.0 };
             let quarters = |whole: &Found| whole.square.scattered_quarters(reach(whole));
             squares.extend(wholes.iter().flat_map(quarters));
             if !squares.is_empty() {
-                let ToDo { cut, care, alone, .. } = to_do;
-                let has_area = grid.has_area() && !alone;
-                return Some(Batch { squares, cut, care, has_area, is_rim: false, again, wholes });
+                let ToDo { cut, before, care, alone, .. } = to_do;
+                let (has_area, is_rim) = (grid.has_area() && !alone, false);
+                return Some(Batch { squares, cut, care, before, has_area, is_rim, again, wholes });
             }
         }
         None
@@ -326,12 +336,14 @@ impl Sheet {
             Some(median) => self.judge_scouts(grid, batch, median, &outcome, &mut next),
             None => {
                 self.compare(grid, batch, &outcome);
+                self.trial.note(batch, &outcome);
                 self.judge_squares(grid, batch, &outcome, &mut next);
             }
         }
         let (before, cut) = (batch.care, batch.cut.clone());
         let to_do = ToDo { quartered: alone, cut, before, care: before.more(), alone };
         self.wait(grid, &next.careful, &to_do);
+        self.wait(grid, &next.exact, &ToDo { care: Care::Exact, ..to_do.clone() });
         self.wait(grid, &next.quartered, &ToDo { quartered: true, care: before, ..to_do });
         if let (Some(goal), false) = (self.goal, next.finer.is_empty()) {
             let cut = match &batch.cut {
@@ -449,6 +461,7 @@ impl Sheet {
 #[derive(Default)]
 struct Next {
     careful: Vec<Found>,
+    exact: Vec<Found>,
     finer: Vec<Found>,
     quartered: Vec<Found>,
     /// The most that levels, and digits, are off by, of the room that there is.
@@ -460,7 +473,8 @@ impl Next {
     /// to be marched with more care, or through finer levels.
     fn takes(&mut self, found: &[Found], mean: &ErrorShares, room: f64, batch: &Batch) -> bool {
         if batch.care != Care::Exact && mean.quadrature > MARCH_SHARE * room {
-            self.careful.extend(found);
+            if mean.quadrature > FAR * room { &mut self.exact } else { &mut self.careful }
+                .extend(found);
             return true;
         }
         let can_be_finer = !matches!(batch.cut, Cut::FullDepth);

@@ -503,3 +503,62 @@ fn what_is_small_and_shines_is_not_lost_between_rays() {
         assert!(y < 10 || off <= 2.0 * TOLERANCE, "{off} at {x}, {y}");
     });
 }
+
+/// Rays marched with each care that stand for themselves, of a tile of 9×7 pixels whose rays the march lets
+/// be off by so many tolerances with each.
+fn rays_by_care(
+    samples: &str,
+    goal: Goal,
+    light: impl Fn([f64; 2]) -> f64,
+    off: [f64; 3],
+) -> [usize; 3] {
+    let scene = scene(&format!("samples = {samples}"), 9, 7);
+    let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+    let mut sheet = Sheet::default();
+    sheet.start(&grid, grid.whole(), &Method::Within(goal));
+    let mut rays = [0; 3];
+    while let Some(batch) = sheet.next(&grid) {
+        let care = [Care::Rough, Care::Fine, Care::Exact].iter().position(|c| *c == batch.care);
+        let care = care.unwrap();
+        let stands_for_area = batch.has_area && grid.has_area();
+        rays[care] += if stands_for_area { 0 } else { batch.squares.len() };
+        let area = if stands_for_area { 1.0 } else { 0.0 };
+        let outcome = |square: &Square| Found {
+            square: *square,
+            value: [light(square.centre); 4],
+            shares: ErrorShares {
+                quadrature: off[care] * goal.tolerance,
+                pixel_area: area,
+                ..ErrorShares::default()
+            }
+            .into(),
+            uneven: None,
+        };
+        sheet.judge(&grid, &batch, batch.squares.iter().map(outcome));
+    }
+    rays
+}
+
+#[test]
+fn packets_of_more_care_are_tried_with_a_few_rays_first() {
+    const RAYS: usize = 63 * 9;
+    let by = |off: [f64; 3]| rays_by_care("3", goal(64, false), |_| 1.0, off);
+    // What is left of 3 tolerances is still too much, or is not.
+    let [rough, fine, exact] = by([3.0, 2.0, 0.0]);
+    assert!(rough == RAYS && exact == RAYS && fine > 32 && fine < RAYS / 4, "{fine}");
+    assert_eq!(by([3.0, 0.9, 0.0]), [RAYS, RAYS, 0]);
+    // Far too much is not tried.
+    assert_eq!(by([100.0, 0.9, 0.0]), [RAYS, 0, RAYS]);
+    assert_eq!(by([0.9, 0.0, 0.0]), [RAYS, 0, 0]);
+}
+
+#[test]
+fn rays_of_pixels_out_of_reach_take_no_more_care() {
+    let goal = Goal { tolerance: 1e-6, ..likely(false) };
+    let edges = |[x, y]: [f64; 2]| f64::from(u8::from((1.7 * x + y).fract() > 0.5));
+    let smooth = |[x, y]: [f64; 2]| 1e-7 * (x * x + y);
+    let [rough, fine, exact] = rays_by_care("\"area\"", goal, edges, [5.0, 1.0, 0.0]);
+    assert!(rough > 63 * 100 && fine + exact < rough / 20, "{rough} {fine} {exact}");
+    let [rough, fine, exact] = rays_by_care("\"area\"", goal, smooth, [5.0, 1.0, 0.0]);
+    assert!(rough < 63 * 40 && fine + exact >= 63, "{rough} {fine} {exact}");
+}

@@ -16,6 +16,9 @@ use crate::render::tiles::waiting::{FEW_PIXELS, Found, ToDo, Urgency};
 const MEAN_SHARE: f64 = 0.7;
 const LEAST_MEAN_SHARE: f64 = 0.1;
 const ALONE_SHARE: f64 = 0.6;
+/// Where a pixel's mean will be off by more than the tolerance for want of rays, all of them may be off by
+/// such a part of that.
+const OF_OUT_OF_REACH: f64 = 0.5;
 /// Dark pixels may be bright by bounds of so many tolerances.
 const FAR: f64 = 4.0;
 /// Rays of a square that is quartered.
@@ -152,6 +155,33 @@ impl Sheet {
     pub(super) fn room_for_mean(&self, beside: f64) -> f64 {
         let tolerance = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
         (tolerance - beside).clamp(LEAST_MEAN_SHARE * tolerance, MEAN_SHARE * tolerance)
+    }
+
+    /// What rays may be off by themselves: no less than a part of what the worst pixel's mean will be off by,
+    /// as far as pixels are known, and as these quarters tell. That falls with the number of rays, which
+    /// has an end.
+    fn room_for_rays(&self, grid: &PixelGrid, batch: &Batch, outcome: &[Found]) -> f64 {
+        let Some(goal) = &self.goal else { return f64::INFINITY };
+        let in_the_end = |pixel: &Pixel| {
+            let taken = f64::from(pixel.rays_alone) / goal.alone_per_pixel.max(1) as f64;
+            taken.min(1.0) * pixel.changeable(0.0)
+        };
+        let known = self.pixels.iter().filter(|pixel| pixel.rays_alone > 0).map(in_the_end);
+        let told = batch.wholes.iter().zip(outcome.chunks_exact(4)).map(|(whole, quarters)| {
+            let mut pixel = self.pixels[usize::from(whole.square.pixel)];
+            let uneven = self.unevenness(whole, quarters);
+            pixel.learn(whole, &uneven, grid.weight(&whole.square), &ErrorShares::default());
+            in_the_end(&pixel)
+        });
+        let worst = known.chain(told).filter(|off| off.is_finite()).fold(0.0, f64::max);
+        (ALONE_SHARE * goal.tolerance).max(OF_OUT_OF_REACH * worst)
+    }
+
+    /// How uneven each quarter of a square is, as rays of all four tell.
+    fn unevenness(&self, whole: &Found, quarters: &[Found]) -> [Unevenness; 4] {
+        let values = from_fn(|n| &quarters[n].value);
+        let uneven = Unevenness::of(&whole.value, self.known(whole), values);
+        from_fn(|n| uneven.of_quarter(n, values, self.around(&quarters[n]), false))
     }
 
     /// Whether a quarter's pixel is close enough in all likelihood. Four rays may be alike by
@@ -323,7 +353,7 @@ impl Sheet {
         outcome: &[Found],
         next: &mut Next,
     ) {
-        let room = self.goal.map_or(f64::INFINITY, |goal| ALONE_SHARE * goal.tolerance);
+        let room = self.room_for_rays(grid, batch, outcome);
         for (whole, quarters) in batch.wholes.iter().zip(outcome.chunks_exact(4)) {
             let mut mean = ErrorShares::default();
             quarters.iter().for_each(|quarter| mean.add(&quarter.shares(), 0.25));
@@ -333,11 +363,8 @@ impl Sheet {
             if !is_good && next.takes(std::slice::from_ref(whole), &mean, room, batch) {
                 continue;
             }
-            let values = from_fn(|n| &quarters[n].value);
-            self.doubt(whole, values);
-            let uneven = Unevenness::of(&whole.value, self.known(whole), values);
-            let uneven: [_; 4] =
-                from_fn(|n| uneven.of_quarter(n, values, self.around(&quarters[n]), false));
+            self.doubt(whole, from_fn(|n| &quarters[n].value));
+            let uneven = self.unevenness(whole, quarters);
             let pixel = &mut self.pixels[usize::from(whole.square.pixel)];
             pixel.learn(whole, &uneven, grid.weight(&whole.square), &mean);
             let uneven_quarter =

@@ -75,7 +75,8 @@ impl Sheet {
         }
         let (again, wholes) = Default::default();
         let (cut, care) = (goal.first_cut(), Care::Rough);
-        let batch = Batch { squares, cut, care, has_area: false, is_rim: true, again, wholes };
+        let (has_area, is_rim, before) = (false, true, care);
+        let batch = Batch { squares, cut, care, before, has_area, is_rim, again, wholes };
         (!batch.squares.is_empty()).then_some(batch)
     }
 
