@@ -70,7 +70,7 @@ struct Mean {
     is_bound: bool,
 }
 
-/// Squares to be marched again, or others to be quartered.
+/// Squares to be marched again, or others to be quartered; of a batch one of both is empty.
 #[derive(Default)]
 struct Chosen {
     again: Vec<Found>,
@@ -178,8 +178,9 @@ impl Sheet {
                 Chosen { again: Vec::new(), wholes }
             } else {
                 self.settle(grid, group, &found, !to_do.quartered);
-                let chosen = self.still_bad(grid, group, &found, &to_do);
-                self.with_promise(grid, chosen, &to_do)
+                let Chosen { again, wholes } = self.still_bad(grid, group, &found, &to_do);
+                let again = self.with_promise(grid, again, &to_do);
+                self.of_one_kind(grid, Chosen { again, wholes }, &to_do)
             };
             let mut squares: Vec<_> = again.iter().map(|found| found.square).collect();
             let reach = |whole: &Found| if to_do.alone { self.scatter(whole) } else { 0.0 };
@@ -268,6 +269,16 @@ impl Sheet {
                     chosen.wholes.push(*found);
                 }
             }
+        }
+        chosen
+    }
+
+    /// Squares that are to be marched again, or quartered: what a batch finds is of one kind. If there are
+    /// both, the latter wait.
+    fn of_one_kind(&mut self, grid: &PixelGrid, mut chosen: Chosen, to_do: &ToDo) -> Chosen {
+        if !chosen.again.is_empty() {
+            let quartered = std::mem::take(&mut chosen.wholes);
+            self.wait(grid, &quartered, &ToDo { quartered: true, ..to_do.clone() });
         }
         chosen
     }

@@ -562,3 +562,37 @@ fn rays_of_pixels_out_of_reach_take_no_more_care() {
     let [rough, fine, exact] = rays_by_care("\"area\"", goal, smooth, [5.0, 1.0, 0.0]);
     assert!(rough < 63 * 40 && fine + exact >= 63, "{rough} {fine} {exact}");
 }
+
+#[test]
+fn squares_marched_again_and_others_quartered_do_not_mix_their_rays_up() {
+    // Rays that the march lets be off by too much: of one pixel something may shine, another stands out.
+    let goal = likely(false);
+    let scene = scene("samples = \"area\"", 9, 7);
+    let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+    let mut sheet = Sheet::default();
+    sheet.start(&grid, grid.whole(), &Method::Within(goal));
+    while let Some(batch) = sheet.next(&grid) {
+        assert!(batch.again.is_empty() || batch.wholes.is_empty());
+        let outcome = |square: &Square| {
+            let area = match square.pixel {
+                _ if !batch.has_area => 0.0,
+                5 => 12.0,
+                20 => 9.0,
+                _ => 0.02,
+            };
+            let off = if batch.care == Care::Rough { 5.0 * goal.tolerance } else { 0.0 };
+            Found {
+                square: *square,
+                value: [f64::from(square.pixel); 4],
+                shares: ErrorShares { quadrature: off, pixel_area: area, ..ErrorShares::default() }
+                    .into(),
+                uneven: None,
+            }
+        };
+        sheet.judge(&grid, &batch, batch.squares.iter().map(outcome));
+    }
+    for (n, pixel) in sheet.pixels.iter().enumerate() {
+        let off = (pixel.value[0] - n as f64).abs();
+        assert!(off < 1e-9 && (pixel.weight - 1.0).abs() < 1e-9, "{n}: {pixel:?}");
+    }
+}

@@ -1,7 +1,7 @@
 //! Whether packets of more care are worth their time: what they are off by is in part rounding, which no
 //! care makes less.
 
-use super::{Batch, Chosen, Mean, Sheet, movable};
+use super::{Batch, Mean, Sheet, movable};
 use crate::render::bounds::grade::Care;
 use crate::render::camera::rays::PixelGrid;
 use crate::render::tiles::waiting::{Found, ToDo};
@@ -40,18 +40,17 @@ impl Trial {
 }
 
 impl Sheet {
-    /// Of squares that are to be marched again in packets of more care those of which some may become
+    /// Of squares `again` that are to be marched again in packets of more care those of which some may become
     /// good enough by that, as far as others of the tile tell, or, before any do, a few; others wait.
     pub(super) fn with_promise(
         &mut self,
         grid: &PixelGrid,
-        chosen: Chosen,
+        mut again: Vec<Found>,
         to_do: &ToDo,
-    ) -> Chosen {
+    ) -> Vec<Found> {
         if to_do.care != Care::Fine || to_do.before == Care::Fine {
-            return chosen;
+            return again;
         }
-        let Chosen { mut again, wholes } = chosen;
         let Some(left) = self.trial.left() else {
             if again.len() > MANY {
                 let step = again.len() / FEW;
@@ -60,7 +59,7 @@ impl Sheet {
                 again = every(&again, is_tried);
                 self.wait(grid, &others, to_do);
             }
-            return Chosen { again, wholes };
+            return again;
         };
         let of_pixels = again.chunk_by(|a, b| a.square.pixel == b.square.pixel);
         let (mut promising, mut others) = (Vec::new(), Vec::new());
@@ -71,7 +70,7 @@ impl Sheet {
             if is_enough { &mut promising } else { &mut others }.extend_from_slice(found);
         }
         self.wait(grid, &others, &ToDo { care: Care::Exact, ..to_do.clone() });
-        Chosen { again: promising, wholes }
+        promising
     }
 }
 
