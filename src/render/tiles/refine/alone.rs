@@ -157,11 +157,15 @@ impl Sheet {
         (tolerance - beside).clamp(LEAST_MEAN_SHARE * tolerance, MEAN_SHARE * tolerance)
     }
 
-    /// What rays may be off by themselves: no less than a part of what the worst pixel's mean will be off by,
-    /// as far as pixels are known, and as these quarters tell. That falls with the number of rays, which
-    /// has an end.
-    fn room_for_rays(&self, grid: &PixelGrid, batch: &Batch, outcome: &[Found]) -> f64 {
+    /// What rays may be off by themselves, which are off by `most`: no less than a part of what the worst
+    /// pixel's mean will be off by, as far as pixels are known, and as these quarters tell. That falls with
+    /// the number of rays, which has an end.
+    fn room_for_rays(&self, grid: &PixelGrid, batch: &Batch, outcome: &[Found], most: f64) -> f64 {
         let Some(goal) = &self.goal else { return f64::INFINITY };
+        let least = ALONE_SHARE * goal.tolerance;
+        if most <= least {
+            return least;
+        }
         let in_the_end = |pixel: &Pixel| {
             let taken = f64::from(pixel.rays_alone) / goal.alone_per_pixel.max(1) as f64;
             taken.min(1.0) * pixel.changeable(0.0)
@@ -174,7 +178,7 @@ impl Sheet {
             in_the_end(&pixel)
         });
         let worst = known.chain(told).filter(|off| off.is_finite()).fold(0.0, f64::max);
-        (ALONE_SHARE * goal.tolerance).max(OF_OUT_OF_REACH * worst)
+        least.max(OF_OUT_OF_REACH * worst)
     }
 
     /// How uneven each quarter of a square is, as rays of all four tell.
@@ -353,10 +357,11 @@ impl Sheet {
         outcome: &[Found],
         next: &mut Next,
     ) {
-        let room = self.room_for_rays(grid, batch, outcome);
-        for (whole, quarters) in batch.wholes.iter().zip(outcome.chunks_exact(4)) {
-            let mut mean = ErrorShares::default();
-            quarters.iter().for_each(|quarter| mean.add(&quarter.shares(), 0.25));
+        let means: Vec<_> = outcome.chunks_exact(4).map(mean).collect();
+        let most = means.iter().map(|mean| movable(mean, batch.care)).fold(0.0, f64::max);
+        let room = self.room_for_rays(grid, batch, outcome, most);
+        let of_wholes = batch.wholes.iter().zip(outcome.chunks_exact(4));
+        for ((whole, quarters), mean) in of_wholes.zip(means) {
             let pixel = &self.pixels[usize::from(whole.square.pixel)];
             let is_good = movable(&mean, batch.care) <= room
                 || pixel.beside_mean_with(whole, grid.weight(&whole.square), &mean) <= room;
@@ -372,4 +377,11 @@ impl Sheet {
             next.quartered.extend(quarters.iter().zip(uneven).map(uneven_quarter));
         }
     }
+}
+
+/// What the rays of a square's quarters may be off by on average.
+fn mean(quarters: &[Found]) -> ErrorShares {
+    let mut mean = ErrorShares::default();
+    quarters.iter().for_each(|quarter| mean.add(&quarter.shares(), 0.25));
+    mean
 }
