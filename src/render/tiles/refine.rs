@@ -274,12 +274,11 @@ impl Sheet {
     }
 
     /// Squares that are to be marched again, or quartered: what a batch finds is of one kind. If there are
-    /// both, the latter wait.
+    /// both, the latter wait, as do those whose rays have no room in a batch.
     fn of_one_kind(&mut self, grid: &PixelGrid, mut chosen: Chosen, to_do: &ToDo) -> Chosen {
-        if !chosen.again.is_empty() {
-            let quartered = std::mem::take(&mut chosen.wholes);
-            self.wait(grid, &quartered, &ToDo { quartered: true, ..to_do.clone() });
-        }
+        let most = if chosen.again.is_empty() { BATCH_RAYS / 4 } else { 0 };
+        let others = chosen.wholes.split_off(most.min(chosen.wholes.len()));
+        self.wait(grid, &others, &ToDo { quartered: true, ..to_do.clone() });
         chosen
     }
 

@@ -1,3 +1,5 @@
+use std::iter::from_fn;
+
 use proptest::prelude::*;
 
 use super::*;
@@ -595,4 +597,34 @@ fn squares_marched_again_and_others_quartered_do_not_mix_their_rays_up() {
         let off = (pixel.value[0] - n as f64).abs();
         assert!(off < 1e-9 && (pixel.weight - 1.0).abs() < 1e-9, "{n}: {pixel:?}");
     }
+}
+
+#[test]
+fn squares_of_a_group_that_loses_its_prospect_are_quartered_as_a_batch_has_room() {
+    let scene = scene("samples = \"area\"", 16, 16);
+    let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+    let mut sheet = Sheet::default();
+    sheet.start(&grid, grid.whole(), &Method::Within(likely(false)));
+    // Quarters of quarters, to be marched again, none of which may shine; those of fewer than half of the
+    // pixels stand out.
+    let care = Care::Exact;
+    let to_do = ToDo { quartered: false, cut: Cut::FullDepth, before: care, care, alone: false };
+    let mut squares = Vec::new();
+    grid.first_squares(&grid.whole(), &mut squares);
+    for _ in 0..2 {
+        squares = squares.iter().flat_map(|square| square.scattered_quarters(0.0)).collect();
+    }
+    for square in squares {
+        let pixel_area = if square.pixel < 120 { 5.0 } else { 0.1 };
+        let shares = ErrorShares { pixel_area, ..ErrorShares::default() }.into();
+        let found = Found { square, value: [1.0; 4], shares, uneven: None };
+        assert!(sheet.may_wait(&grid, &found, &to_do));
+    }
+    sheet.first = None;
+    let mut quartered = 0;
+    for batch in from_fn(|| sheet.next(&grid)).take(4).filter(|batch| batch.has_area) {
+        assert!(batch.squares.len() <= BATCH_RAYS && batch.again.is_empty());
+        quartered += batch.wholes.len();
+    }
+    assert_eq!(quartered, 120 * 16);
 }
