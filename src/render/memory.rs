@@ -3,7 +3,7 @@
 use std::num::NonZero;
 
 use crate::cache::{BrickShape, Cache, Cursor, WINDOW_BYTES};
-use crate::paging::{Budget, Counters, MEBIBYTE, Pool, Reservation};
+use crate::paging::{Budget, Counters, FORMS, MEBIBYTE, Pool, Reservation};
 use crate::render::RenderOptions;
 use crate::render::brick::load::{BrickLoader, BrickScratch};
 use crate::render::brick::scaled::ScaledBrick;
@@ -135,7 +135,10 @@ impl MemoryPlan {
         let per_thread = demand.levels + 1 + AHEAD_SLOTS as u64;
         let fewest_slots = threads.saturating_mul(per_thread).saturating_add(readers);
         let fewest_slots = if demand.resident { u64::MAX } else { fewest_slots };
-        let fewest_slots = fewest_slots.min(bricks.max(1));
+        // Threads may need one brick in several forms at a time.
+        let forms = if demand.resident { 1 } else { FORMS as u64 };
+        let different = bricks.max(1).saturating_mul(forms);
+        let fewest_slots = fewest_slots.min(different);
         let fewest_windows = threads.saturating_mul(Cursor::WINDOWS as u64).saturating_add(1);
         let mut parts = fixed_parts(demand);
         let fixed = parts.iter().fold(0u64, |sum, part| sum.saturating_add(part.1));
@@ -152,7 +155,7 @@ impl MemoryPlan {
         let room = (left / EXTRA_SHARE / threads).checked_div(demand.thinned).unwrap_or(0);
         let thinned = room.min(MOST_THINNED).min(bricks);
         let left = left - thinned * threads * demand.thinned;
-        let more_slots = (left / demand.slot.max(1)).min(bricks.saturating_sub(fewest_slots));
+        let more_slots = (left / demand.slot.max(1)).min(different.saturating_sub(fewest_slots));
         let (windows, slots) = (fewest_windows + more_windows, fewest_slots + more_slots);
         parts.push(("the index", windows * WINDOW_BYTES));
         parts.push(("the brick pool", slots * demand.slot));
@@ -293,7 +296,8 @@ mod tests {
             prop_assert_eq!(named(&below), smallest);
             let pins = usize::try_from(demand.threads * (demand.levels + 1) + demand.readers);
             let bricks = usize::try_from(demand.bricks).unwrap();
-            let fewest = if demand.resident { bricks } else { pins.unwrap().min(bricks) };
+            let different = if demand.resident { bricks } else { FORMS * bricks };
+            let fewest = if demand.resident { bricks } else { pins.unwrap().min(different) };
             prop_assert!(least.slots >= fewest);
             match MemoryPlan::from_demand(&demand, limit) {
                 Ok(plan) => {
@@ -301,8 +305,8 @@ mod tests {
                     let held = plan.reserve(&budget).unwrap();
                     let sum: u64 = held.iter().map(Reservation::bytes).sum();
                     prop_assert!(sum + budget.available() == limit);
-                    prop_assert!(plan.slots >= least.slots && plan.slots <= bricks);
-                    let all = plan.slots == bricks;
+                    prop_assert!(plan.slots >= least.slots && plan.slots <= different);
+                    let all = plan.slots == different;
                     prop_assert!(all || budget.available() < demand.slot + MEBIBYTE);
                 }
                 Err(error) => {

@@ -197,6 +197,8 @@ impl<'s> Renderer<'s> {
             }
             goal.tolerance = FIRST_TRY * limit;
             goal.behind = largest;
+            let brightest = picture.light.ending.brightest;
+            picture.light.ending = Ending::new(brightest, ENDING_SHARE * goal.tolerance);
             if let Some(packets) = &mut picture.light.packets {
                 packets.aim(goal.of_packets(), goal.behind);
             }

@@ -63,7 +63,7 @@ fn defaults_are_those_that_the_scene_format_names() {
     assert_eq!(scene.render.background, [0.0; 3]);
     let volume = scene.volume;
     assert_eq!((volume.scale, volume.units, volume.range), (Scale::Log10, Units::Code, None));
-    assert_eq!(volume.color, ColorTable::Map(ColorMap::named("viridis").unwrap()));
+    assert_eq!(volume.color, ColorTable::Map(ColorMap::named("magma").unwrap()));
     assert_eq!((volume.absorption.value(0.5), volume.emission), ([2.5], None));
     assert_eq!(scene.source, SMALLEST);
 }

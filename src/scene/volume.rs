@@ -21,7 +21,7 @@ pub(super) const KEYS: [&str; 10] = [
 ];
 
 /// The colour map where a scene names none.
-const DEFAULT_COLOR_MAP: &str = "viridis";
+const DEFAULT_COLOR_MAP: &str = "magma";
 /// Absorption where a scene gives none, (x, 1 / code length): a domain of width 1 in code length
 /// goes from clear to nearly opaque.
 const DEFAULT_ABSORPTION: [(f64, [f64; 1]); 2] = [(0.0, [0.0]), (1.0, [5.0])];

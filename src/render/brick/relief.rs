@@ -200,7 +200,9 @@ impl Relief {
     pub(crate) fn near(&self, point: [f64; 3], reach: f64, apart: f64) -> Cow<'_, Group> {
         let beyond = reach - 1.0;
         let last = self.side - 1;
-        let group = |x: f64| ((x + 0.5) / GROUP_EDGE as f64).max(0.0) as usize;
+        // Dual cells lie half a cell beside cells.
+        let shift = if self.is_piecewise_constant { 0.0 } else { 0.5 };
+        let group = |x: f64| ((x + shift) / GROUP_EDGE as f64).max(0.0) as usize;
         let [lo, hi] =
             [beyond.max(0.0), -beyond.max(0.0)].map(|off| point.map(|x| group(x - off).min(last)));
         let first = self.group((lo[2] * self.side + lo[1]) * self.side + lo[0]);

@@ -64,6 +64,9 @@ impl Extent<'_> {
     fn right(&self) -> f64 {
         let nearest = self.left.value + self.cells * self.spacing.value;
         let error = self.cells * self.spacing.error() + self.left.error();
+        if nearest.abs() <= error {
+            return 0.0;
+        }
         (0..MOST_DIGITS)
             .filter_map(|digits| format!("{nearest:.digits$e}").parse::<f64>().ok())
             .find(|short| (short - nearest).abs() <= error)

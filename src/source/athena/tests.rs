@@ -135,6 +135,13 @@ fn edges_are_what_few_digits_stand_for() {
     let source = crate::source::open(made.folder.path(), None).unwrap();
     assert_eq!(source.hierarchy().domain.right(), [0.9, 1.0, 1.0]);
     assert_eq!(made.read(0).unwrap()[1].0.lo, [2, 2, 4]);
+    // Of few digits 0 is none, and nearer to nothing else.
+    let mut made = Made::new();
+    let origin = "-1.000000e+00 0.000000e+00 0.000000e+00";
+    made.files = vec![("B.0001.vtk", header(0, [4, 4, 4], origin, third), 27)];
+    made.write();
+    let source = crate::source::open(made.folder.path(), None).unwrap();
+    assert_eq!(source.hierarchy().domain.right(), [0.0, 1.0, 1.0]);
 }
 
 #[test]

@@ -81,10 +81,17 @@ pub(super) fn density(fields: &[SourceField]) -> Option<usize> {
         .or_else(|| fields.iter().position(|field| field.name.eq_ignore_ascii_case("density")))
 }
 
-/// Factor from code units to cgs: the stated one, or by the kind's rule.
+/// Factor from code units to cgs, where f64 holds it.
 fn to_cgs(name: &str, parameters: &Parameters) -> Option<f64> {
+    factor(name, parameters).filter(|factor| factor.is_normal())
+}
+
+/// The stated factor, or the one by the kind's rule. Enzo states that of mass densities for whatever has
+/// `Density` in its name (`WriteParameterFile`), which says nothing of what is none.
+fn factor(name: &str, parameters: &Parameters) -> Option<f64> {
     let stated = |label: &str| parameters.factors.get(label).copied();
-    if let Some(factor) = stated(name) {
+    let is_misnamed = name.contains("Density") && Kind::of(name) != Some(Kind::Density);
+    if let (Some(factor), false) = (stated(name), is_misnamed) {
         return Some(factor);
     }
     let [density, length, time] = parameters.units;
@@ -141,6 +148,16 @@ mod tests {
     }
 
     #[test]
+    fn factors_beyond_f64_are_unknown() {
+        for units in
+            ["LengthUnits = 1e200\nTimeUnits = 1\n", "LengthUnits = 1e-170\nTimeUnits = 1\n"]
+        {
+            assert_eq!(field("TotalEnergy", units).to_cgs, None);
+            assert!(field("x-velocity", units).to_cgs.is_some());
+        }
+    }
+
+    #[test]
     fn what_is_not_stated_is_unknown() {
         assert_eq!(field("Density", "").to_cgs, None);
         assert_eq!(field("Density", "DensityUnits = 0\n").to_cgs, None);
@@ -155,6 +172,9 @@ mod tests {
         let cosmic_rays = field("CREnergyDensity", units);
         assert_eq!(cosmic_rays.to_cgs, Some(18.0));
         assert_eq!(cosmic_rays.units.as_deref(), Some("erg/cm^3"));
+        // Enzo states mass density's factor for it all the same.
+        let stated = "DataLabel[3] = CREnergyDensity\n#DataCGSConversionFactor[3] = 2\n";
+        assert_eq!(field("CREnergyDensity", &format!("{units}{stated}")).to_cgs, Some(18.0));
         for name in ["NumberDensity", "Momentum_Density", "Energy_Density", "Current_Density"] {
             assert_eq!(field(name, units).to_cgs, None, "{name}");
         }
