@@ -135,3 +135,17 @@ fn places_in_different_groups_differ_by_more_than_either_says() {
     let close = brick.relief.near([4.0; 3], 2.5, 1.0);
     assert!(close.change(5.0).extinction < 0.6 * difference, "{close:?}");
 }
+
+/// A place beside a group's cells, within reach of one that this group does not know.
+#[test]
+fn constant_cells_near_a_place_are_those_within_reach_of_it() {
+    let data = TestData::one_level(|_, cell| if cell[0] == 10 { 1.0 } else { 0.0 });
+    let mut brick = data.brick(0, [1, 0, 1], EDGE as u32, Interpolation::Cell);
+    let distance = Distance::none([0.0, 1.0]);
+    let pieces = TransferPieces::new(&smooth(), |_| 0.0).all;
+    brick.survey(&pieces, &distance, &mut Surveyor::default());
+    // The cell from 2 to 3.
+    for (x, high) in [(3.6, 1.0), (1.4, 1.0), (6.5, 0.0)] {
+        assert_eq!(brick.relief.near([x, 2.0, 2.0], 0.8, 0.8).high, high, "{x}");
+    }
+}

@@ -27,7 +27,7 @@ const DIGITS_SHARE: f64 = 0.3;
 const MARCH_SHARE: f64 = 0.4;
 /// Rays that the march of packets lets be off by so many times what they may be are marched one by one:
 /// packets of more care are off by an eighth, or a little less.
-const FAR: f64 = 16.0;
+const BEYOND_PACKETS: f64 = 16.0;
 /// A cut is made finer by at least, and at most, these factors.
 const FINER: [f64; 2] = [0.5, 1.0 / 32.0];
 /// Squares are not halved more often: their centres are exact to f64 then.
@@ -483,8 +483,12 @@ impl Next {
     /// to be marched with more care, or through finer levels.
     fn takes(&mut self, found: &[Found], mean: &ErrorShares, room: f64, batch: &Batch) -> bool {
         if batch.care != Care::Exact && mean.quadrature > MARCH_SHARE * room {
-            if mean.quadrature > FAR * room { &mut self.exact } else { &mut self.careful }
-                .extend(found);
+            if mean.quadrature > BEYOND_PACKETS * room {
+                &mut self.exact
+            } else {
+                &mut self.careful
+            }
+            .extend(found);
             return true;
         }
         let can_be_finer = !matches!(batch.cut, Cut::FullDepth);

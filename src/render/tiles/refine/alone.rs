@@ -16,8 +16,8 @@ use crate::render::tiles::waiting::{FEW_PIXELS, Found, ToDo, Urgency};
 const MEAN_SHARE: f64 = 0.7;
 const LEAST_MEAN_SHARE: f64 = 0.1;
 const ALONE_SHARE: f64 = 0.6;
-/// Where a pixel's mean will be off by more than the tolerance for want of rays, all of them may be off by
-/// such a part of that.
+/// Where a pixel's mean will be off by more than the tolerance for want of rays, a tile's rays may be off by
+/// such a part of that themselves.
 const OF_OUT_OF_REACH: f64 = 0.5;
 /// Dark pixels may be bright by bounds of so many tolerances.
 const FAR: f64 = 4.0;

@@ -40,8 +40,8 @@ impl Trial {
 }
 
 impl Sheet {
-    /// Of squares `again` that are to be marched again in packets of more care those of which some may become
-    /// good enough by that, as far as others of the tile tell, or, before any do, a few; others wait.
+    /// Of squares that are to be marched `again`, in packets of more care, those that may become good
+    /// enough by that, as far as others of the tile tell, or, before any do, a few; others wait.
     pub(super) fn with_promise(
         &mut self,
         grid: &PixelGrid,
