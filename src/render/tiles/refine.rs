@@ -483,12 +483,9 @@ impl Next {
     /// to be marched with more care, or through finer levels.
     fn takes(&mut self, found: &[Found], mean: &ErrorShares, room: f64, batch: &Batch) -> bool {
         if batch.care != Care::Exact && mean.quadrature > MARCH_SHARE * room {
-            if mean.quadrature > BEYOND_PACKETS * room {
-                &mut self.exact
-            } else {
-                &mut self.careful
-            }
-            .extend(found);
+            let is_beyond = mean.quadrature > BEYOND_PACKETS * room;
+            let squares = if is_beyond { &mut self.exact } else { &mut self.careful };
+            squares.extend(found);
             return true;
         }
         let can_be_finer = !matches!(batch.cut, Cut::FullDepth);
