@@ -414,13 +414,14 @@ impl RayError {
     /// any ray of the square.
     pub(crate) fn off_by(&self, light: [f64; 3], brightest: f64) -> f64 {
         let sums = self.all();
-        let by_brightest = sums.emission + product(sums.dimmed, brightest);
+        let emission = sums.emission + self.quadrature;
+        let by_brightest = emission + product(sums.dimmed, brightest);
         let by_light = if sums.extinction < 1.0 {
-            (sums.emission + self.absorbed(sums.extinction, light)) / (1.0 - sums.extinction)
+            (emission + self.absorbed(sums.extinction, light)) / (1.0 - sums.extinction)
         } else {
             f64::INFINITY
         };
-        by_brightest.min(by_light) + self.quadrature
+        by_brightest.min(by_light)
     }
 }
 

@@ -178,20 +178,26 @@ impl Visit<'_> {
         DomainEnd::Face
     }
 
-    /// How many of the region's faces at which the domain ends come within the spread of the ray over a
-    /// stretch of σ.
+    /// How the domain ends within the spread of the ray over a stretch of σ: at one of the region's faces,
+    /// if the square's rays cross that on no longer a way than the region is along the ray, so that what
+    /// some of them meet more of it others meet less; else at an edge.
     fn domain_end(&self, spread: [f64; 3], (from, to): (f64, f64)) -> DomainEnd {
         let Self { ray, region, .. } = *self;
         if region.ends == 0 {
             return DomainEnd::Nowhere;
         }
+        let long = |a: usize| (region.hi[a] - region.lo[a]) / ray.direction[a].abs();
         let mut count = 0;
         for (a, spread) in spread.into_iter().enumerate() {
             let [p, q] = [from, to].map(|sigma| ray.origin[a] + ray.direction[a] * sigma);
             let (low, high, reach) = (p.min(q), p.max(q), spread * (1.0 + 1e-9));
             for (face, plane) in [(a, region.lo[a]), (3 + a, region.hi[a])] {
                 let reaches = low - plane <= reach && high - plane >= -reach;
-                count += u32::from(region.ends >> face & 1 == 1 && reaches);
+                if region.ends >> face & 1 == 1 && reaches {
+                    let way = 2.0 * reach / ray.direction[a].abs();
+                    let crosses = (0..3).all(|b| b == a || way <= long(b));
+                    count += if crosses { 1 } else { 2 };
+                }
             }
         }
         match count {

@@ -57,10 +57,12 @@ impl PathSegment {
     }
 }
 
-/// How far the values of a square's rays are from its centre's: at most; and on average but for
-/// what cancels between opposite ones, where one formula holds for all, and along a stretch.
+/// How far the values of a square's rays are from its centre's: at most, and so that half of it counts
+/// for their mean; and on average but for what cancels between opposite ones, where one formula holds
+/// for all, and along a stretch.
 #[derive(Debug, Clone, Copy, Default)]
 struct Shift {
+    reach: f64,
     most: f64,
     smooth: f64,
     uneven: f64,
@@ -95,11 +97,11 @@ impl<'a> BrickAccount<'a> {
     pub(crate) fn touch(&mut self, touching: f64, segment: PathSegment) {
         let length = segment.length;
         let change = self.group().elsewhere();
-        let reached = touching.min(length);
-        let sums = PathSegment { length: reached, ..segment }.sums(change);
-        self.error.farthest = self.error.farthest.plus(sums);
-        // The far side of a face takes at most half of the square.
+        // The far side of a face takes at most half of the square, all of them together all of it: half
+        // of the farthest counts for the mean.
         let mean = (0.5 * touching).min(length);
+        let sums = PathSegment { length: 2.0 * mean, ..segment }.sums(change);
+        self.error.farthest = self.error.farthest.plus(sums);
         let sums = PathSegment { length: mean, ..segment }.sums(change);
         self.error.uneven = self.error.uneven.plus(sums);
     }
@@ -148,7 +150,7 @@ impl<'a> BrickAccount<'a> {
     fn reach(&self) -> Reach {
         let levels = if self.hides { self.relief.levels_reach } else { 0.0 };
         Reach {
-            others: self.shift.most + levels,
+            others: self.shift.reach + levels,
             storage: self.group().storage,
             is_elsewhere: self.hides || self.is_spread(),
         }
@@ -157,7 +159,9 @@ impl<'a> BrickAccount<'a> {
     fn shift_of(&self, group: &Group) -> Shift {
         let Spread { cells, bend, angle } = self.spread;
         let over = |away: [f64; 3]| (0..3).map(|a| group.slope[a] * away[a]).sum::<f64>();
-        let most = over(cells).min(group.high - group.low);
+        let (over_slopes, range) = (over(cells), group.high - group.low);
+        // On average half of what slopes make of the farthest, but no more than all there is.
+        let most = over_slopes.min(2.0 * range);
         // Opposite rays lie opposite but for the bend of the sphere on which their distances from
         // the eye are equal, and by less than twice their displacement times its angle. Where one
         // formula holds, opposite values cancel but for its second derivatives: slopes change
@@ -168,7 +172,7 @@ impl<'a> BrickAccount<'a> {
         let smooth = twist(0, 1) + twist(1, 2) + twist(2, 0) + over(bend) + 2.0 * angle * most;
         // Until the stretch is known: a place of the square is on average half as far from its
         // centre as its border is.
-        Shift { most, smooth, uneven: 0.5 * most }
+        Shift { reach: over_slopes.min(range), most, smooth, uneven: 0.5 * most }
     }
 
     /// Adds what the integrator has tallied.

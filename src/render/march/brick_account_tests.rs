@@ -25,6 +25,9 @@ use crate::render::transfer::pieces::TransferPieces;
 use crate::render::transfer::table::TransferTable;
 use crate::scene::{Interpolation, Scene, TransferFunction};
 
+/// The value of a level's cell.
+type Leaf = fn(u32, [i128; 3]) -> f64;
+
 const EDGE: i128 = 8;
 /// Rays across a square.
 const RAYS: u32 = 16;
@@ -220,6 +223,7 @@ fn media(number: usize) -> TransferFunction {
         1 => shells(),
         2 => steps(),
         3 => transfer(&[(0.0, 0.0)], &emission),
+        4 => transfer(&[(0.0, 0.0)], &[(0.0, 0.0), (1.0, 2.0)]),
         _ => transfer(&[(0.0, 30.0), (1.0, 90.0)], &emission.map(|(x, j)| (x, 60.0 * j))),
     }
 }
@@ -234,6 +238,46 @@ fn interpolations() -> impl Strategy<Value = Interpolation> {
     prop_oneof![Just(Interpolation::Linear), Just(Interpolation::Cell)]
 }
 
+fn leaves<const N: usize>(leaves: [Leaf; N]) -> impl Strategy<Value = Leaf> {
+    (0..N).prop_map(move |n| leaves[n])
+}
+
+/// Squares around the middle of the picture.
+fn middle_squares() -> Vec<Square> {
+    (0..5).map(|halvings| Square { centre: [3.0; 2], offset: [0; 2], pixel: 0, halvings }).collect()
+}
+
+/// In the middle of a column of cells, which is in the middle of bricks.
+const IN_COLUMN: [f64; 3] = [1.15, 0.125, 1.5];
+
+fn bright_column(_: u32, [x, y, _]: [i128; 3]) -> f64 {
+    if [x, y] == [11, 4] { 1.0 } else { 0.1 }
+}
+
+fn dark_column(level: u32, cell: [i128; 3]) -> f64 {
+    1.0 - bright_column(level, cell)
+}
+
+/// All bricks of a domain with one level.
+fn all_bricks() -> Vec<[i128; 3]> {
+    (0..12).map(|n| [n % 3, n / 3 % 2, n / 6]).collect()
+}
+
+/// Checks squares of a picture of `bricks` of a domain with one level.
+fn check_all(
+    data: &TestData,
+    bricks: &[[i128; 3]],
+    scene: &Scene,
+    medium: usize,
+    interpolation: Interpolation,
+    squares: &[Square],
+) -> Result<(), TestCaseError> {
+    let function = media(medium);
+    let transfer = TransferPieces::new(&function, |_| 0.0);
+    let stage = Stage::new(data, 0, bricks, scene, &function, &transfer, interpolation);
+    squares.iter().try_for_each(|square| stage.check(square))
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(80))]
 
@@ -242,7 +286,7 @@ proptest! {
         number in 0..BRICKS.len(),
         off in prop::array::uniform3(-2.5..2.5_f64),
         (fov, is_flat) in (20.0..90.0_f64, any::<bool>()),
-        medium in 0..5_usize,
+        medium in 0..6_usize,
         interpolation in interpolations(),
         squares in squares(),
     ) {
@@ -263,23 +307,46 @@ proptest! {
     }
 
     #[test]
+    fn a_square_along_what_differs_from_its_surroundings_is_as_far_off_as_its_account_says(
+        leaf in leaves([bright_column, dark_column]),
+        turn in prop::array::uniform2(-0.01..0.01_f64),
+        height in 0.1..3.0_f64,
+        medium in 0..6_usize,
+        interpolation in interpolations(),
+    ) {
+        let data = TestData::one_level(leaf);
+        let scene = camera(IN_COLUMN, [turn[0], turn[1], 3.0], 0.0, Some(height));
+        check_all(&data, &all_bricks(), &scene, medium, interpolation, &middle_squares())?;
+    }
+
+    #[test]
+    fn a_square_along_a_side_of_the_domain_is_as_far_off_as_its_account_says(
+        leaf in leaves([rough, linear, |_, _| 0.5]),
+        beside in -0.1..0.1_f64,
+        turn in prop::array::uniform2(-0.05..0.05_f64),
+        height in 0.1..3.0_f64,
+        medium in 0..6_usize,
+        interpolation in interpolations(),
+    ) {
+        let data = TestData::one_level(leaf);
+        let target = [1.0, 0.0, data.domain.left()[2] + beside];
+        let scene = camera(target, [3.0, turn[0], turn[1]], 0.0, Some(height));
+        // Where rays come in and go out the domain does not end.
+        let bricks = [[1, 0, 0], [1, 1, 0]];
+        check_all(&data, &bricks, &scene, medium, interpolation, &middle_squares())?;
+    }
+
+    #[test]
     fn a_square_of_many_bricks_is_as_far_off_as_its_account_says(
         is_rough in any::<bool>(),
         off in prop::array::uniform3(-3.0..3.0_f64),
         fov in 20.0..90.0_f64,
-        medium in 0..5_usize,
+        medium in 0..6_usize,
         interpolation in interpolations(),
         squares in squares(),
     ) {
         let data = TestData::one_level(if is_rough { rough } else { linear });
-        let bricks: Vec<[i128; 3]> =
-            (0..12).map(|n| [n % 3, n / 3 % 2, n / 6]).collect();
         let scene = camera([1.0, 0.5, 1.5], off, fov, None);
-        let function = media(medium);
-        let transfer = TransferPieces::new(&function, |_| 0.0);
-        let stage = Stage::new(&data, 0, &bricks, &scene, &function, &transfer, interpolation);
-        for square in squares {
-            stage.check(&square)?;
-        }
+        check_all(&data, &all_bricks(), &scene, medium, interpolation, &squares)?;
     }
 }

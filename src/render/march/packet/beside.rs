@@ -44,9 +44,10 @@ impl<L: Lanes> Beside<L> {
     ) {
         let (zero, one, half) = (l.splat(0.0), l.splat(1.0), l.splat(0.5));
         let touching = l.mul(self.touching(l, walk, way), way);
-        let reached = l.select(active, l.min(touching, way), zero);
-        // The far side of a face takes at most half of the square.
+        // The far side of a face takes at most half of the square, all of them together all of it: half
+        // of the farthest counts for the mean.
         let mean = l.select(active, l.min(l.mul(touching, half), way), zero);
+        let reached = l.add(mean, mean);
         let row = self.squares.relief(l, brick, walk.group(brick.groups));
         let others = [row[0], row[1]];
         let seen = l.min(before, one);

@@ -95,11 +95,13 @@ impl<L: Lanes> Squares<L> {
         let spread = self.spread;
         let over =
             l.fma(slope[0], spread[0], l.fma(slope[1], spread[1], l.mul(slope[2], spread[2])));
-        let most = l.min(over, row[6]);
         if brick.are_proxies {
+            let most = l.min(over, row[6]);
             let uneven = self.bent(l, brick, walk, way, uneven, most);
             return Shift { most, uneven, range: row[6] };
         }
+        // On average half of what slopes make of the farthest, but no more than all there is.
+        let most = l.min(over, l.add(row[6], row[6]));
         let mut smooth = l.mul(self.turn, most);
         for n in 0..3 {
             smooth = l.fma(slope[n], self.bend[n], smooth);
@@ -241,7 +243,7 @@ impl<L: Lanes> Shift<L> {
         active: L::Mask,
     ) {
         let lit = steep.lit;
-        let reach = l.add(self.most, l.splat(brick.reach));
+        let reach = l.add(l.min(self.most, self.range), l.splat(brick.reach));
         let half = l.add(l.min(seen.half, self.range), reach);
         let [curved, slope, fade, _] = slopes_near(l, brick, seen.middle, half);
         let [low, high] =
