@@ -231,7 +231,10 @@ const TABLE_PIECE: usize = 64 << 10;
 /// The header's check has bounded the table by the file's size.
 fn read_page_table(file: &File, path: &Path, header: &Header) -> Result<Vec<u64>> {
     let pages = usize::try_from(header.index_pages).unwrap_or(0);
-    let mut table = Vec::with_capacity(pages);
+    let mut table = Vec::new();
+    table
+        .try_reserve_exact(pages)
+        .map_err(|_| Error::invalid(path.display(), "the index is larger than memory"))?;
     let (mut sum, mut piece) = (Checksum::new(), vec![0; TABLE_PIECE.min(8 * pages)]);
     let mut at = header.file_bytes - 8 * header.index_pages;
     while table.len() < pages {

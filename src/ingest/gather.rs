@@ -6,9 +6,9 @@ use super::assemble::FieldCells;
 use super::neighbourhood::{Neighbourhood, direction};
 use super::store::StoredBricks;
 use super::tally::times_power_of_two;
+use crate::Result;
 use crate::cache::{Block, BrickShape, RawBrick, state};
 use crate::space::cells_at;
-use crate::{Error, Result};
 
 /// Gathers the payloads of one field.
 pub(super) struct Gatherer<'s> {
@@ -30,9 +30,6 @@ struct BlockPlace<'n> {
     neighbours: &'n Neighbourhood,
     first: [i32; 3],
 }
-
-/// The bricks around one, all fields of each.
-type Around = [Option<Arc<Vec<FieldCells>>>; 27];
 
 impl Gatherer<'_> {
     /// The payload of the brick at the centre of `neighbours`: as many ancestors' blocks as it takes
@@ -160,17 +157,22 @@ impl Gatherer<'_> {
     /// level has nothing there, since holes beside them may be filled by theirs.
     fn fill_void(
         &self,
-        place: &BlockPlace<'_>,
+        &BlockPlace { neighbours, first }: &BlockPlace<'_>,
         above: Option<&Above<'_>>,
         block: &mut Block,
     ) -> Result<()> {
-        let mut around = Around::default();
+        if !has_void(block) {
+            return Ok(());
+        }
+        let mut wider = Block::default();
+        wider.reset(block.side + 2);
+        self.gather_block(&BlockPlace { neighbours, first: first.map(|f| f - 1) }, &mut wider)?;
         for at in 0..block.states.len() {
             if block.states[at] & state::VOID == 0 {
                 continue;
             }
             let local = [at % block.side, at / block.side % block.side, at / block.side.pow(2)];
-            if let Some(value) = self.mean_of_kept(place, local, &mut around)? {
+            if let Some(value) = mean_of_kept(&wider, local) {
                 block.values[at] = value;
             } else if block.states[at] == state::IN_COARSER_VOID {
                 block.states[at] = 0;
@@ -180,56 +182,26 @@ impl Gatherer<'_> {
         }
         Ok(())
     }
+}
 
-    /// The mean of a cell's kept neighbours, those that are nearest.
-    fn mean_of_kept(
-        &self,
-        &BlockPlace { neighbours, first }: &BlockPlace<'_>,
-        local: [usize; 3],
-        around: &mut Around,
-    ) -> Result<Option<f32>> {
-        let cell: [i32; 3] = std::array::from_fn(|a| first[a] + local[a] as i32);
-        let mut sums = [(0u32, 0.0f64); 3];
-        for step in 0..27i32 {
-            let step = [step % 3 - 1, step / 3 % 3 - 1, step / 9 - 1];
-            let distance = step.iter().map(|s| s.unsigned_abs() as usize).sum::<usize>();
-            let neighbour = std::array::from_fn(|a| cell[a] + step[a]);
-            if distance > 0
-                && let Some(value) = self.kept(neighbours, neighbour, around)?
-            {
-                sums[distance - 1].0 += 1;
-                sums[distance - 1].1 += value;
-            }
+/// The mean of a cell's neighbours that exist, are not dropped and are numbers, of the nearest of them.
+/// `wider` has one more cell on each side than the block in which the cell is.
+fn mean_of_kept(wider: &Block, cell: [usize; 3]) -> Option<f32> {
+    let mut sums = [(0u32, 0.0f64); 3];
+    for step in 0..27 {
+        let step = [step % 3, step / 3 % 3, step / 9];
+        let distance = step.iter().filter(|&&s| s != 1).count();
+        let [x, y, z] = std::array::from_fn(|a| cell[a] + step[a]);
+        let at = wider.at(x, y, z);
+        let (bits, value) = (wider.states[at], wider.values[at]);
+        let is_kept = bits & state::EXISTS != 0 && bits & state::VOID == 0 && !value.is_nan();
+        if distance > 0 && is_kept {
+            sums[distance - 1].0 += 1;
+            sums[distance - 1].1 += f64::from(value);
         }
-        let nearest = sums.iter().find(|(count, _)| *count > 0);
-        Ok(nearest.map(|(n, sum)| (sum / f64::from(*n)) as f32))
     }
-
-    /// The stored value of a cell that exists, is not dropped and is a number; `cell` counts
-    /// from the lowest cell of the brick at the centre of `neighbours`.
-    fn kept(
-        &self,
-        neighbours: &Neighbourhood,
-        cell: [i32; 3],
-        around: &mut Around,
-    ) -> Result<Option<f64>> {
-        let edge = self.shape.edge() as i32;
-        let at = direction(cell.map(|c| c.div_euclid(edge)));
-        let Some(brick) = neighbours.bricks.get(at).copied().flatten() else { return Ok(None) };
-        let cells = match &around[at] {
-            Some(cells) => cells,
-            None => around[at].insert(self.bricks.get(neighbours.place.tree_level, brick)?),
-        };
-        let local = cell.map(|c| c.rem_euclid(edge) as usize);
-        let index = (local[2] * self.shape.edge() + local[1]) * self.shape.edge() + local[0];
-        let Some(field) = cells.get(self.field) else {
-            return Err(Error::request("a field that is not ingested"));
-        };
-        let bits = field.states[index];
-        let value = f64::from(field.values[index]);
-        let kept = bits & state::EXISTS != 0 && bits & state::VOID == 0 && !value.is_nan();
-        Ok(kept.then(|| times_power_of_two(value, field.exponent - self.exponent)))
-    }
+    let nearest = sums.iter().find(|(count, _)| *count > 0);
+    nearest.map(|(n, sum)| (sum / f64::from(*n)) as f32)
 }
 
 fn has_void(block: &Block) -> bool {

@@ -141,7 +141,9 @@ impl Sheet {
             let before =
                 if was_limited { group.fallen.map(|bound| kept * bound) } else { [0.0; 2] };
             group.fallen = std::array::from_fn(|n| before[n] + fallen[n]);
-            self.fallen.iter_mut().zip(fallen).for_each(|(sum, bound)| *sum += bound);
+            if fallen.iter().all(|bound| bound.is_finite()) {
+                self.fallen.iter_mut().zip(fallen).for_each(|(sum, bound)| *sum += bound);
+            }
         }
     }
 }
