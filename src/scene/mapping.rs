@@ -48,6 +48,32 @@ impl Scale {
     }
 }
 
+impl Scale {
+    /// How far means of symlog of values between `low` and `high` may be apart, where those of the
+    /// values themselves are by at most `linear`: what the chord over the range makes of that, and the
+    /// range of what the scale is more than the chord. That is largest or smallest at an end, where the
+    /// scale bends, or where its slope is the chord's.
+    fn means_apart(self, linear: f64, [low, high]: [f64; 2], linthresh: f64) -> f64 {
+        if low >= -linthresh && high <= linthresh {
+            return linear / (0.9 * linthresh);
+        }
+        if linear.is_nan() || !(low < high && (high - low).is_finite()) {
+            return f64::INFINITY;
+        }
+        let [first, last] = [low, high].map(|f| self.apply(f));
+        let slope = (last - first) / (high - low);
+        let alike = (slope * LN_10).recip().max(linthresh);
+        let places = [low, high, -alike, -linthresh, linthresh, alike];
+        let (mut least, mut most) = (0.0_f64, 0.0_f64);
+        for place in places.map(|place| place.clamp(low, high)) {
+            let more = self.apply(place) - first - slope * (place - low);
+            (least, most) = (least.min(more), most.max(more));
+        }
+        let rounding = 16.0 * f64::EPSILON * first.abs().max(last.abs());
+        (slope * linear + (most - least)) * (1.0 + 1e-9) + rounding
+    }
+}
+
 /// What a mapping needs to know of a field: extrema over its leaf cells, in code units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FieldExtrema {
@@ -188,14 +214,28 @@ impl Mapping {
         if f.is_nan() { 0.0 } else { x.clamp(-LARGEST_UNCLAMPED, LARGEST_UNCLAMPED) }
     }
 
-    /// How far x may be off where field values are off by at most `linear` (code units), and their
-    /// log10 by at most `log10`.
-    pub fn distance(&self, linear: f64, log10: f64) -> f64 {
+    /// How far x may be off where means of field values are off by at most `linear` (code units), and
+    /// those of their log10 by at most `log10`, of values between `low` and `high` (code units).
+    pub fn distance(&self, linear: f64, log10: f64, [low, high]: [f64; 2]) -> f64 {
         self.of_scale(match self.scale {
             Scale::Linear => linear * self.factor,
             Scale::Log10 => log10,
+            Scale::Symlog { linthresh } => {
+                let [low, high] = [low, high].map(|f| f * self.factor);
+                let within = self.scale.means_apart(linear * self.factor, [low, high], linthresh);
+                // Beyond it is the logarithm but for a constant.
+                if low >= linthresh { log10.min(within) } else { within }
+            }
+        })
+    }
+
+    /// How far x of a value may be off that is off by at most `off` (code units) itself, under another
+    /// scale than log10.
+    fn of_value(&self, off: f64) -> f64 {
+        self.of_scale(match self.scale {
             // The steepest slope of symlog is that of its linear part.
-            Scale::Symlog { linthresh } => linear * self.factor / (0.9 * linthresh),
+            Scale::Symlog { linthresh } => off * self.factor / (0.9 * linthresh),
+            Scale::Linear | Scale::Log10 => off * self.factor,
         })
     }
 
@@ -220,7 +260,7 @@ impl Mapping {
         let rounding =
             if relative == 0.0 { exact } else { Rounding { slope, zero, most, ..exact } };
         if self.scale != Scale::Log10 {
-            let lost = self.distance(least * f64::from(f32::EPSILON), 0.0);
+            let lost = self.of_value(least * f64::from(f32::EPSILON));
             let counts = lost > LEAST_DISTANCE;
             let least = f64::INFINITY;
             return if counts { Rounding { least, lost, ..rounding } } else { rounding };
@@ -239,7 +279,10 @@ impl Mapping {
     fn of_scale(&self, difference: f64) -> f64 {
         let is_constant = self.floor.is_nan()
             || self.high.partial_cmp(&self.low).is_none_or(std::cmp::Ordering::is_le);
-        if is_constant || difference == 0.0 { 0.0 } else { difference / (self.high - self.low) }
+        if is_constant || difference == 0.0 {
+            return 0.0;
+        }
+        0.5 * difference / (0.5 * self.high - 0.5 * self.low)
     }
 
     /// x of field value `f` in code units, in [0, 1].
@@ -379,12 +422,46 @@ mod tests {
                 let mapping = mapping(scale, Some([0.5, 20.0]));
                 let off = |other: f64| (mapping.unclamped(other) - mapping.unclamped(f)).abs();
                 let log10 = ((f + step).max(1e-3).log10() - f.max(1e-3).log10()).abs();
-                prop_assert!(off(f + step) <= mapping.distance(step.abs(), log10) + 1e-12);
+                let values = [f.min(f + step), f.max(f + step)];
+                prop_assert!(off(f + step) <= mapping.distance(step.abs(), log10, values) + 1e-12);
                 for other in [f * (1.0 + relative), f * (1.0 - relative)] {
                     let x = mapping.unclamped(f);
                     let bound = mapping.rounding(relative, 0.0).between(x, x);
                     prop_assert!(off(other) <= bound + 1e-12, "{scale:?} {f} {other} {bound}");
                 }
+            }
+        }
+
+        /// Interpolants of two levels are means of values after the scale, not before.
+        #[test]
+        fn distances_bound_differences_of_means(
+            values in prop::array::uniform4(-1.0f64..1.0),
+            weights in prop::array::uniform2(0.0f64..1.0),
+            power in -3.0f64..3.0,
+            is_even in any::<bool>(),
+            is_positive in any::<bool>(),
+        ) {
+            let [a, b, c, d] = values.map(|v| if is_positive { v.abs() + 1e-3 } else { v });
+            let [v, w] = weights;
+            // One mean of the other's values: what no difference of means of values tells.
+            let (c, d) = if is_even { (v * a + (1.0 - v) * b, d) } else { (c, d) };
+            let (w, d) = if is_even { (1.0, d) } else { (w, d) };
+            let linthresh = 10f64.powf(power);
+            for scale in [Scale::Linear, Scale::Log10, Scale::Symlog { linthresh }] {
+                if scale == Scale::Log10 && !is_positive {
+                    continue;
+                }
+                let mapping = mapping(scale, Some([1e-3, 20.0]));
+                let apart = |of: &dyn Fn(f64) -> f64| {
+                    let mean = |w: f64, [a, b]: [f64; 2]| w * of(a) + (1.0 - w) * of(b);
+                    (mean(v, [a, b]) - mean(w, [c, d])).abs()
+                };
+                let all = [a, b, c, d];
+                let ends = all.into_iter().fold([a, a], |[l, h], f| [l.min(f), h.max(f)]);
+                let log10 = apart(&|f| f.max(1e-3).log10());
+                let bound = mapping.distance(apart(&|f| f), log10, ends);
+                let off = apart(&|f| mapping.unclamped(f));
+                prop_assert!(off <= bound + 1e-12, "{scale:?}: {off:e}, not {bound:e}");
             }
         }
 

@@ -89,15 +89,20 @@ impl Sums {
 
     /// What a ray is off by, with so much light `behind`.
     pub(crate) fn light(self, behind: f64) -> f64 {
-        (self.emission + product(self.dimmed, behind)).max(self.dimmed)
+        larger(self.emission + product(self.dimmed, behind), self.dimmed)
     }
 
     /// ∫ T̃·(|Δj| + |Δκ|·L) ds where L is at most `brightest`, and the light in ∫ |Δκ|·T̃·L ds what
     /// `absorbed` makes of ∫ |Δκ| ds; and of 1 − T: the larger of both.
     fn bound(self, absorbed: impl Fn(f64) -> f64, brightest: f64) -> f64 {
         let absorbed = product(self.dimmed, brightest).min(absorbed(self.extinction));
-        (self.emission + absorbed).max(self.dimmed)
+        larger(self.emission + absorbed, self.dimmed)
     }
+}
+
+/// The larger; infinity where either is no number, as differences and products of what overflows are.
+fn larger(a: f64, b: f64) -> f64 {
+    if a.is_nan() || b.is_nan() { f64::INFINITY } else { a.max(b) }
 }
 
 /// The product, 0 where a factor is, also of infinity.
@@ -223,13 +228,15 @@ pub struct ErrorShares {
 impl ErrorShares {
     /// All together.
     pub fn total(&self) -> f64 {
-        self.levels
+        let all = self.levels
             + self.digits
             + self.quadrature
             + self.pixel_area
             + self.storage
             + self.termination
-            + self.rounding
+            + self.rounding;
+        // Nothing is known then.
+        if all.is_nan() { f64::INFINITY } else { all }
     }
 
     /// All but what pixels' areas are off by, which may be without limit.
@@ -351,8 +358,8 @@ impl RayError {
     pub(crate) fn multiply(&mut self, before: &Self) {
         let mean = |error: &Self| error.of_itself().plus(error.farthest.times(0.5));
         let (in_front, old, new) = (self.all().extinction, mean(before), mean(self));
-        self.products.emission += in_front * (new.emission - old.emission);
-        self.products.dimmed += in_front * (new.dimmed - old.dimmed);
+        self.products.emission += product(in_front, new.emission - old.emission);
+        self.products.dimmed += product(in_front, new.dimmed - old.dimmed);
     }
 
     /// Bounds by cause, for a ray that has gathered `light` (R, G, B) and absorbs `opacity` of what
@@ -391,7 +398,7 @@ impl RayError {
         let mean = bound(self.farthest.times(0.5));
         let Products { emission, dimmed } = self.products;
         let twice = (self.all().extinction * (bound(beside) + mean))
-            .min((emission + product(dimmed, brightest)).max(dimmed));
+            .min(larger(emission + product(dimmed, brightest), dimmed));
         ErrorShares {
             levels: share * levels,
             digits: share * digits,
@@ -406,7 +413,7 @@ impl RayError {
     /// ∫ |Δκ|·T̃·L ds, of any channel, where all light that is gathered from s on is at most `light`
     /// less what was before.
     fn absorbed(&self, extinction: f64, light: [f64; 3]) -> f64 {
-        let channel = |c: usize| (product(extinction, light[c]) - self.passed[c]).max(0.0);
+        let channel = |c: usize| larger(product(extinction, light[c]) - self.passed[c], 0.0);
         channel(0).max(channel(1)).max(channel(2))
     }
 
@@ -414,7 +421,7 @@ impl RayError {
     /// any ray of the square.
     pub(crate) fn off_by(&self, light: [f64; 3], brightest: f64) -> f64 {
         let sums = self.all();
-        let emission = sums.emission + self.quadrature;
+        let emission = larger(sums.emission, 0.0) + self.quadrature;
         let by_brightest = emission + product(sums.dimmed, brightest);
         let by_light = if sums.extinction < 1.0 {
             (emission + self.absorbed(sums.extinction, light)) / (1.0 - sums.extinction)
@@ -459,6 +466,20 @@ mod tests {
         let wide = ErrorShares { pixel_area: 1e39, rounding: 1.0, ..ErrorShares::default() };
         let wide: ErrorShares = RayShares::from(wide).into();
         assert_eq!((wide.total(), wide.beside_area()), (f64::INFINITY, 1.0));
+    }
+
+    #[test]
+    fn what_is_no_number_has_no_bound() {
+        let all = |error: RayError| error.shares([1.0; 3], 0.0, 10.0, 0.0).total();
+        let of = |sums| all(RayError { march: sums, ..RayError::default() });
+        let sums = Sums { emission: 0.5, dimmed: 0.25, extinction: 0.25 };
+        assert!(of(sums) < 10.0);
+        // But for the brightest that there is.
+        assert!(of(Sums { emission: f64::NAN, ..sums }) >= 10.0);
+        let mut products = RayError { march: sums, ..RayError::default() };
+        products.farthest = Sums { extinction: f64::INFINITY, ..Sums::default() };
+        products.multiply(&RayError::default());
+        assert!(!all(products).is_nan());
     }
 
     #[test]

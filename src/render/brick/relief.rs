@@ -36,11 +36,13 @@ pub(crate) struct Group {
     pub(crate) thinned: f64,
     /// Difference of x to that of the source's values, and its rounding.
     pub(crate) storage: Storage,
-    /// What the transfer function does over the range; where cells are constant, also as far beyond
-    /// it as the source's values may be.
+    /// What the transfer function does over the range, and as far beyond it as the source's values may
+    /// be, and those beneath where these are near: others of a square may meet steps there.
     pub(crate) span: Span,
     /// Whether part of the group is void: what is drawn ends there.
     pub(crate) has_void: bool,
+    /// Whether something is shown where there may be nothing beneath: then slopes do not bound `levels`.
+    pub(crate) fills_void: bool,
 }
 
 /// The groups of a brick. Its memory is reused from brick to brick.
@@ -130,7 +132,7 @@ impl Relief {
             let group = [at % self.side, at / self.side % self.side, at / self.side.pow(2)];
             self.groups.push(builder.group(of_group, group.map(|g| g * GROUP_EDGE)));
         }
-        self.join(|whole| builder.span(whole));
+        self.join(|whole| builder.span(whole, builder.near_beneath()));
     }
 
     /// Finds what holds for all groups; `span` is what the transfer function does over their range.
@@ -144,17 +146,21 @@ impl Relief {
     /// Takes values to be those of a thinner brick, off by so much in each group from the one that
     /// `finer` is of.
     pub(crate) fn loosen(&mut self, finer: &Self, pieces: &PieceList, off: &[f64]) {
+        let over = |group: &Group| {
+            let off = group.storage.most();
+            pieces.over(group.low - off, group.high + off)
+        };
         for (n, (group, off)) in self.groups.iter_mut().zip(off).enumerate() {
             let most = |number: fn(&Group) -> f64| finer.most_beneath(n, self.side, number);
             group.thinned = off + most(|group| group.thinned);
             group.storage = Storage::at_most(most(|group| group.storage.most()));
             group.low -= group.thinned;
             group.high += group.thinned;
-            group.span = pieces.over(group.low, group.high);
+            group.span = over(group);
             group.levels = group.span.slope.times(group.thinned);
         }
         self.is_rounded = finer.is_rounded;
-        self.join(|whole| pieces.over(whole.low, whole.high));
+        self.join(over);
         let most = self.whole.thinned;
         self.levels_reach = if most < FAR { most } else { 0.0 };
     }
@@ -255,6 +261,7 @@ impl Group {
         self.storage = self.storage.max(other.storage);
         self.span = self.span.max(other.span);
         self.has_void |= other.has_void;
+        self.fills_void |= other.fills_void;
     }
 }
 
@@ -286,8 +293,9 @@ impl GroupBuilder<'_> {
         let holds_averages = of_group.holds_averages || has_children;
         let stored = if holds_averages { storage } else { leaf_storage };
         group.storage = Storage::new(&stored, [group.low, group.high], beneath, tree);
-        group.span = self.span(&group);
-        if has_children && fills_void {
+        group.span = self.span(&group, if has_children { self.near_beneath() } else { 0.0 });
+        group.fills_void = has_children && fills_void;
+        if group.fills_void {
             let [low, high] = [tree[0].min(group.low), tree[1].max(group.high)];
             group.levels = self.pieces.over(low, high).most;
         } else if has_children {
@@ -301,9 +309,15 @@ impl GroupBuilder<'_> {
         group
     }
 
-    /// What the transfer function does over a group's range.
-    fn span(&self, Group { low, high, storage, .. }: &Group) -> Span {
-        let off = if self.brick.is_piecewise_constant() { storage.most() } else { 0.0 };
+    /// How far values beneath are, if that is near.
+    fn near_beneath(&self) -> f64 {
+        let Distance { residual, child_mask, .. } = *self.distance;
+        if residual < FAR && child_mask != 0 { residual } else { 0.0 }
+    }
+
+    /// What the transfer function does over a group's range, and where values beneath are so far off.
+    fn span(&self, Group { low, high, storage, .. }: &Group, beneath: f64) -> Span {
+        let off = storage.most() + beneath;
         self.pieces.over(low - off, high + off)
     }
 

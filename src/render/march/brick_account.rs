@@ -189,7 +189,7 @@ impl<'a> BrickAccount<'a> {
         *of_stored = of_stored.plus(tally.stored);
         if self.hides {
             let mut levels = Sums::of(group.levels, tally.length, tally.lit);
-            if self.relief.levels_reach > 0.0 {
+            if self.relief.levels_reach > 0.0 && !group.fills_void {
                 let steepest = tally.slope.plus(tally.kinks);
                 levels = levels.min(steepest.times(self.relief.levels_reach));
             }

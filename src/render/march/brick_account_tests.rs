@@ -25,6 +25,8 @@ use crate::render::transfer::pieces::TransferPieces;
 use crate::render::transfer::table::TransferTable;
 use crate::scene::{Interpolation, Scene, TransferFunction};
 
+mod cases;
+
 /// The value of a level's cell.
 type Leaf = fn(u32, [i128; 3]) -> f64;
 
@@ -45,6 +47,8 @@ struct Stage<'s> {
     parts: Vec<Part>,
     light: Light<'s>,
     brightest: f64,
+    /// How carefully packets march.
+    care: Care,
 }
 
 /// How a square's ray is marched.
@@ -100,7 +104,7 @@ impl<'s> Stage<'s> {
         let packets = Some(PacketTransfer::new(table, close, allowed, 1.0, longest));
         let ending = Ending::new(brightest, 0.0);
         let light = Light { pieces: &transfer.all, ending, packets };
-        Self { grid, parts, light, brightest }
+        Self { grid, parts, light, brightest, care: Care::Rough }
     }
 
     /// What the square's ray gathers, and its account.
@@ -125,7 +129,7 @@ impl<'s> Stage<'s> {
                 let beam = beam(&frame, &ray, half, covered);
                 let diagonal = frame.cell_width.length();
                 if way == Way::InPackets
-                    && packets.enter(&passage, light, diagonal, Care::Rough, true)
+                    && packets.enter(&passage, light, diagonal, self.care, true)
                 {
                     let mut film = Rays { states: &mut states, errors: &mut errors };
                     let (rays, beams) = ([TileRay { index: 0, ray }], [beam]);

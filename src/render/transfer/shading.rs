@@ -102,7 +102,8 @@ impl Shading {
             (_, Interpolation::Cell) => f64::INFINITY,
             (_, Interpolation::Linear) => {
                 let [linear, log10] = [field.residual_linear, field.residual_log10].map(f64::from);
-                self.mapping.distance(linear, log10)
+                let values = field.tree.map(|value| f64::from(value) * self.factor);
+                self.mapping.distance(linear, log10, values)
             }
         };
         Distance {

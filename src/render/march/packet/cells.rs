@@ -165,8 +165,7 @@ impl<L: Lanes> Gathered<L> {
             sums.light[c] = self.light[c][0];
             l.store(self.light[c][1], &mut packet.left[c]);
         }
-        sums.depth = self.depth[0];
-        l.store(self.depth[1], &mut packet.left[3]);
+        sums.depth = self.depth;
         sums.store(l, packet);
     }
 }

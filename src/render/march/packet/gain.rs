@@ -74,7 +74,7 @@ impl<L: Lanes> StorageSlopes<L> {
 pub(super) struct Gain<L: Lanes> {
     /// Emission that it adds, dimmed by what lies in front (R, G, B).
     pub(super) light: [L::Float; 3],
-    /// Optical depth behind it.
+    /// Its optical depth.
     pub(super) depth: L::Float,
     /// How it answers to values that are not stored exactly.
     pub(super) steep: StorageSlopes<L>,
@@ -85,11 +85,11 @@ pub(super) struct Gain<L: Lanes> {
 }
 
 impl<L: Lanes> Gain<L> {
-    /// Nothing, behind an optical depth.
+    /// Nothing.
     #[inline(always)]
-    fn none(l: L, depth: L::Float) -> Self {
+    fn none(l: L) -> Self {
         let (zero, steep) = (l.splat(0.0), StorageSlopes::none(l));
-        Self { light: [zero; 3], depth, steep, off: [zero; 3], deepest: zero }
+        Self { light: [zero; 3], depth: zero, steep, off: [zero; 3], deepest: zero }
     }
 
     /// What a stretch behind an optical depth adds if it is passed at once; and what x is along it.
@@ -116,7 +116,7 @@ impl<L: Lanes> Gain<L> {
         stretch: &Stretch<'_, L>,
         parts: u32,
     ) -> Self {
-        let (mut all, mut left) = (Self::none(l, depth), lanes);
+        let (mut all, mut left) = (Self::none(l), lanes);
         while left != 0 {
             let deal = PartLanes::new(l, left, parts);
             let gain = Self::of_deal::<ABSORBS>(l, brick, depth, &deal, stretch, parts);
@@ -137,12 +137,17 @@ impl<L: Lanes> Gain<L> {
     ) -> Self {
         let (cube, part) = (stretch.cube.dealt(l, deal), dealt(l, stretch.part, deal));
         let stretch = stretch.dealt(l, deal, &cube, part.as_ref());
-        let mut gain = Self::none(l, depth);
+        let (mut gain, before) = (Self::none(l), deal.ray_of(l, depth));
         for round in 0..parts / deal.abreast {
             let number = l.add(deal.number, l.splat((round * deal.abreast) as f32));
             let share = (parts as f32).recip();
             let look = StretchPart::at::<ABSORBS>(l, brick, &stretch, number, share);
-            let depth = if ABSORBS { deal.in_front(l, gain.depth, look.mean) } else { gain.depth };
+            let mut depth = before;
+            if ABSORBS {
+                // From 0 on: rounding of each sum is none of all that lies in front.
+                let [in_front, behind] = deal.in_front(l, gain.depth, look.mean);
+                (depth, gain.depth) = (l.add(before, in_front), behind);
+            }
             let (found, _) = look.gain::<ABSORBS>(l, brick, depth, &stretch);
             for n in 0..deal.abreast {
                 gain = gain.and::<ABSORBS>(l, &found, deal.part(l, n));
@@ -181,7 +186,7 @@ impl<L: Lanes> Gain<L> {
         self
     }
 
-    /// This one and what lies behind it, which is in the lanes that `from` names.
+    /// This one and what lies behind it, but for its depth, which is in the lanes that `from` names.
     #[inline(always)]
     fn and<const ABSORBS: bool>(mut self, l: L, next: &Self, from: L::Index) -> Self {
         self.steep.lit = l.add(self.steep.lit, l.deal(next.steep.lit, from));
@@ -194,7 +199,6 @@ impl<L: Lanes> Gain<L> {
             }
         }
         if ABSORBS {
-            self.depth = l.deal(next.depth, from);
             self.deepest = l.max(self.deepest, l.deal(next.deepest, from));
         }
         self
@@ -303,7 +307,7 @@ impl<L: Lanes> StretchPart<L> {
     ) -> (Gain<L>, PartValues<L>) {
         let Self { step, thickness, mean, values, shades: [a, b], bend } = *self;
         let half = l.mul(step, l.splat(0.5));
-        let mut gain = Gain::none(l, depth);
+        let mut gain = Gain::none(l);
         let mut weights = [half; 2];
         if ABSORBS {
             let lean = l.mul(l.mul(thickness, l.sub(b[3], a[3])), l.splat(SLOPE_DEPTH));
@@ -311,7 +315,7 @@ impl<L: Lanes> StretchPart<L> {
                 let depth = l.sub(l.fma(mean, l.splat(NODES[n]), depth), lean);
                 weights[n] = l.mul(half, through(l, depth));
             }
-            gain.depth = l.add(depth, mean);
+            gain.depth = mean;
         }
         let mut brightest = l.splat(0.0);
         for c in 0..3 {

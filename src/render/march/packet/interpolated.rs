@@ -132,7 +132,7 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
         self.sums.off = add_off::<L, ABSORBS>(l, self.sums.off, rates, steep.lit, way);
         self.add_known::<ABSORBS>(place, &stretch, steep);
         let Self { walk, sums, fade, .. } = self;
-        self.active = go_on::<L, ABSORBS>(l, walk, &exit, active, sums.depth, *fade);
+        self.active = go_on::<L, ABSORBS>(l, walk, &exit, active, sums.depth[0], *fade);
     }
 
     /// How far other rays of squares are, if rays stand for such.

@@ -158,7 +158,7 @@ pub(super) struct Packet {
     pub(super) light: [Row; 3],
     /// Optical depth passed.
     pub(super) depth: Row,
-    /// What rounding has left of light and depth where cells are constant; else 0.
+    /// What rounding has left of light, where cells are constant (else 0), and of depth.
     pub(super) left: [Row; 4],
     /// What the march makes rays be off by, as [`crate::render::bounds::ray_error::Sums`] have it, per unit
     /// of t.

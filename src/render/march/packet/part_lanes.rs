@@ -55,15 +55,15 @@ impl<L: Lanes> PartLanes<L> {
     }
 
     /// In each lane the optical depth in front of its part: of rays that have come through `depth`,
-    /// and parts of depths `parts`.
+    /// and parts of depths `parts`. And in each ray's lane that behind its last one.
     #[inline(always)]
-    pub(super) fn in_front(&self, l: L, mut depth: L::Float, parts: L::Float) -> L::Float {
+    pub(super) fn in_front(&self, l: L, mut depth: L::Float, parts: L::Float) -> [L::Float; 2] {
         let mut in_front = depth;
         for n in 0..self.abreast {
             in_front = l.select(l.mask(self.firsts << n), self.ray_of(l, depth), in_front);
             depth = l.add(depth, l.deal(parts, self.part(l, n)));
         }
-        in_front
+        [in_front, depth]
     }
 }
 
@@ -118,7 +118,7 @@ mod tests {
                 abreast: deal.abreast,
                 numbers: stored(l, deal.number),
                 ray_of: stored(l, deal.ray_of(l, lanes)),
-                in_front: stored(l, deal.in_front(l, before, depths)),
+                in_front: stored(l, deal.in_front(l, before, depths)[0]),
                 parts,
             }
         }

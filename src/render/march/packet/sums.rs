@@ -3,6 +3,7 @@
 
 use super::bends::PartValues;
 use super::gain::{Gain, StorageSlopes, Stretch};
+use super::long::{Long, sum};
 use super::rows::{load, store};
 use super::{Packet, PacketBrick};
 use crate::lanes::Lanes;
@@ -15,8 +16,8 @@ const FINER: u32 = 4;
 pub(super) struct Sums<L: Lanes> {
     /// [`Packet::light`].
     pub(super) light: [L::Float; 3],
-    /// [`Packet::depth`].
-    pub(super) depth: L::Float,
+    /// [`Packet::depth`], and what is left of it by rounding to f32.
+    pub(super) depth: Long<L>,
     /// [`Packet::off`].
     pub(super) off: [L::Float; 3],
     /// [`Packet::levels`].
@@ -41,7 +42,7 @@ impl<L: Lanes> Sums<L> {
     pub(super) fn load(l: L, packet: &Packet) -> Self {
         Self {
             light: load(l, &packet.light),
-            depth: l.load(&packet.depth),
+            depth: [l.load(&packet.depth), l.load(&packet.left[3])],
             off: load(l, &packet.off),
             levels: load(l, &packet.levels),
             stored: load(l, &packet.stored),
@@ -55,7 +56,8 @@ impl<L: Lanes> Sums<L> {
         store(l, &self.off, &mut packet.off);
         store(l, &self.levels, &mut packet.levels);
         store(l, &self.stored, &mut packet.stored);
-        l.store(self.depth, &mut packet.depth);
+        l.store(self.depth[0], &mut packet.depth);
+        l.store(self.depth[1], &mut packet.left[3]);
     }
 
     /// Passes a stretch, in as many equal parts as it takes to be off by what is `allowed`.
@@ -70,12 +72,13 @@ impl<L: Lanes> Sums<L> {
     ) -> Passed<L> {
         let mut parts = 1;
         let mut count = u64::from(l.bits(active).count_ones());
-        let (mut gain, seen) = Gain::at_once::<ABSORBS>(l, brick, self.depth, stretch);
+        let (mut gain, seen) = Gain::at_once::<ABSORBS>(l, brick, self.depth[0], stretch);
         let mut open = l.and(active, gain.open::<ABSORBS>(l, brick, allowed));
         while l.bits(open) != 0 && parts < brick.parts {
             parts *= FINER;
             let lanes = l.bits(open);
-            let finer = Gain::in_parts::<ABSORBS>(l, brick, self.depth, lanes, stretch, parts);
+            let before = self.depth[0];
+            let finer = Gain::in_parts::<ABSORBS>(l, brick, before, lanes, stretch, parts);
             gain = finer.or(l, open, &gain);
             count += u64::from(parts) * u64::from(l.bits(open).count_ones());
             open = l.and(open, gain.open::<ABSORBS>(l, brick, allowed));
@@ -92,6 +95,9 @@ impl<L: Lanes> Sums<L> {
                 self.off[n] = l.add(self.off[n], gain.off[n]);
             }
         }
-        self.depth = gain.depth;
+        if ABSORBS {
+            let [near, rest] = sum(l, self.depth[0], gain.depth);
+            self.depth = [near, l.add(self.depth[1], rest)];
+        }
     }
 }

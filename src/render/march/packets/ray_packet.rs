@@ -224,10 +224,15 @@ impl RayPacket {
         if has_account {
             let error = &mut film.errors[index];
             let before = error.own_extinction();
+            // What overflows f32 may come to no number.
+            let times = |sum: f64, unit: f64| {
+                let product = sum * unit * ROUNDED_UP;
+                if product.is_nan() { f64::INFINITY } else { product }
+            };
             let sums = |[emission, dimmed, extinction]: [f64; 3]| Sums {
-                emission: emission * seen * table.emission * ROUNDED_UP,
-                dimmed: dimmed * seen * table.extinction * ROUNDED_UP,
-                extinction: extinction * length * table.extinction * ROUNDED_UP,
+                emission: times(emission, seen * table.emission),
+                dimmed: times(dimmed, seen * table.extinction),
+                extinction: times(extinction, length * table.extinction),
             };
             let march = sums(packet.off.each_ref().map(sum));
             error.march = error.march.plus(march);
