@@ -19,6 +19,7 @@ use super::plan::cut::{Cut, FootprintCut};
 use super::plan::effort::Effort;
 use super::plan::goal::{Goal, TileError};
 use super::plan::tree_walk::{FieldIndex, Walk, WalkContext};
+use super::transfer::change::Change;
 use super::transfer::pieces::{PieceList, TransferPieces};
 use super::transfer::shading::Shading;
 use super::transfer::table::TransferTable;
@@ -298,14 +299,16 @@ impl<'s> Renderer<'s> {
         let longest = diagonal(&header.domain);
         let brightest = transfer.brightest().min(transfer.largest_emission() * longest);
         let tiles = usize::try_from(pixels.tiles()).unwrap_or(usize::MAX);
+        let (unseen, limit) = self.unseen(&method, allowed.unwrap_or(0.0), longest, brightest);
         Ok(Picture {
             cache: self.cache,
             light: Light {
                 pieces,
                 ending: Ending::new(brightest, ENDING_SHARE * allowed.unwrap_or(0.0)),
                 packets: None,
+                unseen,
             },
-            context: self.context(pixels, pieces),
+            context: WalkContext { unseen: limit, ..self.context(pixels, pieces) },
             method,
             exact: &self.exact.all,
             pool: self.pool,
@@ -327,8 +330,28 @@ impl<'s> Renderer<'s> {
             pixels,
             shading: self.shading,
             bounds,
+            unseen: None,
             rounds: self.rounds,
         }
+    }
+
+    /// What rays may be off by where bricks are left out as transparent by what is stored of them, and
+    /// the emission and extinction that makes no more over the `longest` way. Without accounts nobody
+    /// asks for it, and exact values need none.
+    fn unseen(
+        &self,
+        method: &Method,
+        tolerance: f64,
+        longest: f64,
+        brightest: f64,
+    ) -> (f64, Option<(&PieceList, Change)>) {
+        if matches!(method, Method::Once { accounts: false, .. }) || self.shading.is_exact() {
+            return (0.0, None);
+        }
+        let off = UNSEEN_SHARE * tolerance;
+        let emission = 0.5 * off / longest;
+        let limit = Change { emission, extinction: emission / brightest.max(1.0) };
+        (off, Some((&self.exact.all, limit)))
     }
 
     /// One walk of the index over the whole picture.
@@ -345,6 +368,8 @@ impl<'s> Renderer<'s> {
 const QUADRATURE_SHARE: f64 = 0.05;
 /// How much closer the transfer function is followed where packets bound its bends.
 const CLOSE: f64 = 0.02;
+/// The part of a tolerance that may be lost with bricks that are transparent as they are stored.
+const UNSEEN_SHARE: f64 = 0.01;
 /// The part of a tolerance that may be lost behind a ray's end.
 const ENDING_SHARE: f64 = 0.02;
 

@@ -11,6 +11,7 @@ use crate::render::brick::passage::Region;
 use crate::render::camera::frame::{Footprint, Frame};
 use crate::render::camera::rays::{PixelGrid, PixelRect};
 use crate::render::camera::view::View;
+use crate::render::transfer::change::Change;
 use crate::render::transfer::distance::Distance;
 use crate::render::transfer::pieces::PieceList;
 use crate::render::transfer::shading::Shading;
@@ -52,6 +53,10 @@ pub(crate) struct WalkContext<'r> {
     pub shading: &'r Shading,
     /// What the transfer function does over ranges.
     pub(crate) bounds: &'r PieceList,
+    /// The transfer function itself, whose emission and extinction may be no more than this in bricks that
+    /// are left out since what is stored of them is transparent: the source's values may be others.
+    /// None: it is not asked what they are.
+    pub(crate) unseen: Option<(&'r PieceList, Change)>,
     /// Whether values may be read in fewer digits than are stored.
     pub(crate) rounds: bool,
 }
@@ -293,10 +298,24 @@ struct Seen {
 }
 
 impl WalkContext<'_> {
-    /// Whether the brick itself (`own`), or all from it down, emits and absorbs nothing.
+    /// Whether the brick itself (`own`), or all from it down, emits and absorbs nothing, or so little of
+    /// what may be the source's values that it counts with the rays.
     fn is_transparent(&self, field: &FieldRecord, own: bool) -> bool {
         let range = if own { field.own } else { field.tree };
-        field.is_void() || self.shading.is_transparent(range, field.has_nan(own))
+        if field.is_void() {
+            return true;
+        }
+        let is_stored_so = self.shading.is_transparent(range, field.has_nan(own));
+        let Some((exact, limit)) = self.unseen.filter(|_| is_stored_so && range[0] <= range[1])
+        else {
+            return is_stored_so;
+        };
+        let [low, high] = self.shading.of_source(range);
+        if self.shading.transfer.is_transparent(low, high) {
+            return true;
+        }
+        let most = exact.over(low, high).most;
+        most.emission <= limit.emission && most.extinction <= limit.extinction
     }
 
     /// The brick's lowest corner, moved by half its edge along the axes in `octant`: that

@@ -39,6 +39,7 @@ impl Tree {
             pixels: &pixels,
             shading: &shading,
             bounds: &transfer.all,
+            unseen: None,
         };
         let mut index = self.clone();
         let window = window.unwrap_or(pixels.whole());

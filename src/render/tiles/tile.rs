@@ -388,7 +388,8 @@ impl Tile {
             let ending = &light.ending;
             // What lies behind may be opaque even where nothing shines.
             let rest = if state.is_done(ending) { ending.brightest.max(1.0) } else { 0.0 };
-            let shares = error.shares(state.radiance, state.opacity(), ending.brightest, rest);
+            let mut shares = error.shares(state.radiance, state.opacity(), ending.brightest, rest);
+            shares.storage += light.unseen;
             let value = [r, g, b, state.opacity()];
             Found { square: *square, value, shares: shares.into(), uneven: None }
         })

@@ -72,6 +72,11 @@ impl Shading {
         self.relative_error < f64::from(f32::EPSILON)
     }
 
+    /// Whether values are stored as the source has them.
+    pub(crate) fn is_exact(&self) -> bool {
+        self.mapping.rounding(self.relative_error, self.least_exact) == Rounding::default()
+    }
+
     /// How far x of a brick's own values, between `low` and `high`, may be off where they are read in
     /// fewer digits.
     pub(crate) fn read_distance(
@@ -136,6 +141,15 @@ impl Shading {
     /// [`Self::map`] of all `stored` values.
     pub(crate) fn map_all(&self, stored: &[f32], x: &mut [f64]) {
         Width::best().run(MapAll { shading: self, stored, x });
+    }
+
+    /// What x may be of the source's values that are stored as from `min` to `max`, in order; the same as
+    /// stored where these are exact.
+    pub(crate) fn of_source(&self, [min, max]: [f32; 2]) -> [f64; 2] {
+        let [low, high] = [self.map(min), self.map(max)];
+        let rounding = self.mapping.rounding(self.relative_error, self.least_exact);
+        let off = rounding.between(low, high);
+        [low - off, high + off]
     }
 
     /// Whether nothing in [min, max] of stored values (and NaN, if `nan`) emits or absorbs. An
