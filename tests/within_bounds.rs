@@ -68,32 +68,31 @@ fn bricks_above_dropped_cells_are_off_by_what_they_show() {
     let region = Some([corner(["0", "0", "0"]), corner(["16", "0.34375", "0.5"])]);
     let options = Options { region, brick: Some(8), ..Options::default() };
     let cache = ingested(&source, folder.path(), "void.dfc", &options);
-    let volume = "range = [0.0, 500.0]\nabsorption = [[0.0, 0.0]]\n\
+    let volume = "scale = \"linear\"\nrange = [0.0, 500.0]\nabsorption = [[0.0, 0.0]]\n\
                   emission = [[0.0, 0.0], [0.004, 1.0], [1.0, 1.0]]\n";
     let scene = scene([8.0, 0.25, 0.25], 0.5, volume);
     let truth = picture(&cache, &scene, "0.0");
-    let mut coarser = 0;
-    for tolerance in ["\"90%\"", "\"50%\"", "\"10%\""] {
+    let mut farthest = 0.0_f64;
+    for tolerance in ["20.0", "\"50%\"", "\"10%\""] {
         let found = picture(&cache, &scene, tolerance);
         let (off, bound) = (apart(&found, &truth), found.stats.error_bound.unwrap());
         assert!(off <= bound, "{tolerance}: {off:e}, not {bound:e}");
-        coarser += u32::from(found.stats.bricks_loaded < truth.stats.bricks_loaded);
+        farthest = farthest.max(off);
     }
-    assert!(coarser > 0, "no tolerance draws fewer bricks: nothing is shown");
+    assert!(farthest > 1.0, "nothing is shown where there is nothing: {farthest:e}");
 }
 
 #[test]
 fn levels_under_symlog_are_off_by_what_its_bend_makes_of_means() {
-    let whole = MemorySource::new([0.0; 3], [1.0; 3], [32; 3], &[]).unwrap();
+    let whole = MemorySource::new([0.0; 3], [1.0; 3], [64; 3], &[]).unwrap();
     // A straight line, of which linear means tell nothing, and the scale bends within one cell.
-    let source = whole.grid(0, [0; 3], [32; 3], |[x, _, _]| (x as f64 + 0.5) / 32.0 - 0.51);
+    let source = whole.grid(0, [0; 3], [64; 3], |[_, y, _]| (y as f64 + 0.5) / 64.0 - 0.5);
     let folder = tempfile::tempdir().unwrap();
     let options = Options { brick: Some(8), ..Options::default() };
     let cache = ingested(&source, folder.path(), "line.dfc", &options);
     let volume = "scale = \"symlog\"\nlinthresh = 1e-3\nrange = [-0.5, 0.5]\n\
-                  absorption = [[0.35, 0.0], [0.5, 1.0], [0.65, 0.0]]\n\
-                  emission = [[0.35, 0.0], [0.5, 1.0], [0.65, 0.0]]\n";
-    let scene = scene([0.5; 3], 0.8, volume);
+                  absorption = [[0.0, 0.0], [0.35, 0.0], [0.5, 1.0], [0.65, 0.0], [1.0, 0.0]]\n";
+    let scene = scene([0.5; 3], 0.2, volume);
     let truth = picture(&cache, &scene, "0.0");
     for tolerance in ["\"20%\"", "\"5%\"", "\"1%\""] {
         let found = picture(&cache, &scene, tolerance);
@@ -123,7 +122,7 @@ fn what_is_transparent_only_as_it_is_stored_counts() {
     {
         // Opaque below the step, which no stored value need be.
         let volume = format!(
-            "range = [0.0, 1.0]\nabsorption = [[0.0, 1e3], [{step}, 1e3], [{step}, 0.0], [1.0, 0.0]]\n\
+            "scale = \"linear\"\nrange = [0.0, 1.0]\nabsorption = [[0.0, 1e3], [{step}, 1e3], [{step}, 0.0], [1.0, 0.0]]\n\
              emission = [[0.0, 0.0]]\n"
         );
         let scene = scene([0.5; 3], 0.8, &volume)
