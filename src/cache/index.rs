@@ -24,6 +24,8 @@ pub const WINDOW_BYTES: u64 = PAGES_PER_WINDOW * PAGE_BYTES as u64;
 
 /// Most windows that a cursor holds.
 const CURSOR_WINDOWS: usize = 4;
+/// Most windows at a time: Linux lets a process have 65,530 mappings (`vm.max_map_count`).
+const MOST_WINDOWS: usize = 1 << 14;
 
 /// Bytes of one brick's records with `fields` fields.
 pub(super) fn record_bytes(fields: usize) -> usize {
@@ -45,10 +47,16 @@ pub(super) struct Index {
     windows: Mutex<Windows>,
 }
 
+/// A window, and whether it was asked for since the clock's hand passed it.
+struct Mapped {
+    window: Arc<Window>,
+    is_recent: bool,
+}
+
 /// The mapped windows: a clock over those in use.
 struct Windows {
-    mapped: HashMap<u64, Arc<Window>>,
-    clock: Vec<(u64, bool)>,
+    mapped: HashMap<u64, Mapped>,
+    clock: Vec<u64>,
     hand: usize,
     limit: usize,
 }
@@ -57,8 +65,8 @@ impl Index {
     /// The index in `file`, whose pages have these checksums; at most `limit` windows (at least
     /// one) are mapped at a time.
     pub(super) fn new(file: File, path: PathBuf, page_checksums: Vec<u64>, limit: usize) -> Self {
-        let windows =
-            Windows { mapped: HashMap::new(), clock: Vec::new(), hand: 0, limit: limit.max(1) };
+        let limit = limit.clamp(1, MOST_WINDOWS);
+        let windows = Windows { mapped: HashMap::new(), clock: Vec::new(), hand: 0, limit };
         Self { file, path, page_checksums, windows: Mutex::new(windows) }
     }
 
@@ -66,7 +74,7 @@ impl Index {
     /// closed unless they are in use.
     pub(super) fn set_limit(&self, limit: usize) {
         let mut windows = self.windows.lock().unwrap_or_else(PoisonError::into_inner);
-        windows.limit = limit.max(1);
+        windows.limit = limit.clamp(1, MOST_WINDOWS);
         while windows.mapped.len() > windows.limit && windows.evict() {}
     }
 
@@ -92,8 +100,9 @@ impl Index {
         }
         let length = usize::try_from(length).unwrap_or(0);
         let window = Arc::new(Window::map(&self.file, offset, length).map_err(failed)?);
-        windows.mapped.insert(number, Arc::clone(&window));
-        windows.clock.push((number, true));
+        let mapped = Mapped { window: Arc::clone(&window), is_recent: true };
+        windows.mapped.insert(number, mapped);
+        windows.clock.push(number);
         Ok(window)
     }
 
@@ -120,27 +129,26 @@ impl Index {
 
 impl Windows {
     fn touch(&mut self, number: u64) -> Option<Arc<Window>> {
-        let window = self.mapped.get(&number)?;
-        let window = Arc::clone(window);
-        if let Some(entry) = self.clock.iter_mut().find(|entry| entry.0 == number) {
-            entry.1 = true;
-        }
-        Some(window)
+        let mapped = self.mapped.get_mut(&number)?;
+        mapped.is_recent = true;
+        Some(Arc::clone(&mapped.window))
     }
 
     /// Unmaps one window that nobody holds; false when all are held.
     fn evict(&mut self) -> bool {
         for _ in 0..2 * self.clock.len() {
             self.hand = if self.hand < self.clock.len() { self.hand } else { 0 };
-            let (number, recent) = self.clock[self.hand];
-            let held = self.mapped.get(&number).is_some_and(|w| Arc::strong_count(w) > 1);
-            if held || recent {
-                self.clock[self.hand].1 = false;
-                self.hand += 1;
-            } else {
-                self.mapped.remove(&number);
-                self.clock.swap_remove(self.hand);
-                return true;
+            let number = self.clock[self.hand];
+            match self.mapped.get_mut(&number) {
+                Some(mapped) if mapped.is_recent || Arc::strong_count(&mapped.window) > 1 => {
+                    mapped.is_recent = false;
+                    self.hand += 1;
+                }
+                _ => {
+                    self.mapped.remove(&number);
+                    self.clock.swap_remove(self.hand);
+                    return true;
+                }
             }
         }
         false

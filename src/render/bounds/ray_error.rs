@@ -81,8 +81,8 @@ impl Sums {
     /// The sums where only this `transmittance` is left of what is seen, as behind other things.
     fn seen_through(self, transmittance: f64) -> Self {
         Self {
-            emission: self.emission * transmittance,
-            dimmed: self.dimmed * transmittance,
+            emission: product(self.emission, transmittance),
+            dimmed: product(self.dimmed, transmittance),
             extinction: self.extinction,
         }
     }
@@ -164,10 +164,15 @@ impl Lent {
     /// Takes `apart` to be what a mean of rays is off by, weighted so that their displacements
     /// cancel, in place of a ray between them: none is farther from it than `apart` says, and what is
     /// linear cancels, but for what transmittances differ by. With k = ∫ |Δκ| ds these do so by a
-    /// factor of e^k at most; what is bent counts twice, for the mean and the ray.
+    /// factor of e^k at most; what is bent counts twice, for the mean and the ray. All else was summed
+    /// with the transmittances of those that were marched.
     pub(crate) fn cancel(&mut self) {
         let k = self.apart.extinction;
         let factor = k.exp();
+        for sums in [&mut self.levels, &mut self.digits, &mut self.storage, &mut self.march] {
+            *sums = sums.seen_through(factor);
+        }
+        self.quadrature = product(self.quadrature, factor);
         let second = Sums {
             extinction: 2.0 * self.bent.extinction + k * k * factor,
             ..self.bent.times(2.0 * factor).plus(self.apart.times(k.exp_m1()))
