@@ -234,11 +234,11 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
         let rect = picture.context.pixels.tile(tile);
         sheet.start(picture.context.pixels, rect, &picture.method);
         while let Some(batch) = sheet.next(picture.context.pixels) {
-            self.draw_batch(rect, &batch)?;
+            let unseen = self.draw_batch(rect, &batch)?;
             if picture.is_stopped() {
                 return Ok(());
             }
-            let outcome = self.tile.outcome(&picture.light);
+            let outcome = self.tile.outcome(&picture.light, unseen);
             sheet.judge(picture.context.pixels, &batch, outcome);
         }
         let number = usize::try_from(tile).unwrap_or(usize::MAX);
@@ -249,7 +249,8 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
         lock(&picture.film).write_rectangle(rect.lo[0], rect.lo[1], width, sheet.pixels())
     }
 
-    fn draw_batch(&mut self, rect: PixelRect, batch: &Batch) -> Result<()> {
+    /// Marches all rays of a batch; returns what they may be off by for what was left out as transparent.
+    fn draw_batch(&mut self, rect: PixelRect, batch: &Batch) -> Result<f64> {
         let picture = self.picture;
         let mut index =
             FieldIndex { cursor: picture.cache.cursor(), field: picture.context.shading.field };
@@ -263,7 +264,7 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
         }
         self.queue.clear();
         self.pins.release(0);
-        Ok(())
+        Ok(walk.unseen())
     }
 
     /// Walks on until enough steps wait, and asks for their bricks.

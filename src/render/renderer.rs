@@ -18,7 +18,7 @@ use super::plan::census::Census;
 use super::plan::cut::{Cut, FootprintCut};
 use super::plan::effort::Effort;
 use super::plan::goal::{Goal, TileError};
-use super::plan::tree_walk::{FieldIndex, Walk, WalkContext};
+use super::plan::tree_walk::{FieldIndex, Unseen, Walk, WalkContext};
 use super::transfer::change::Change;
 use super::transfer::pieces::{PieceList, TransferPieces};
 use super::transfer::shading::Shading;
@@ -299,16 +299,15 @@ impl<'s> Renderer<'s> {
         let longest = diagonal(&header.domain);
         let brightest = transfer.brightest().min(transfer.largest_emission() * longest);
         let tiles = usize::try_from(pixels.tiles()).unwrap_or(usize::MAX);
-        let (unseen, limit) = self.unseen(&method, allowed.unwrap_or(0.0), longest, brightest);
+        let unseen = self.unseen(&method, allowed.unwrap_or(0.0), longest, brightest);
         Ok(Picture {
             cache: self.cache,
             light: Light {
                 pieces,
                 ending: Ending::new(brightest, ENDING_SHARE * allowed.unwrap_or(0.0)),
                 packets: None,
-                unseen,
             },
-            context: WalkContext { unseen: limit, ..self.context(pixels, pieces) },
+            context: WalkContext { unseen, ..self.context(pixels, pieces) },
             method,
             exact: &self.exact.all,
             pool: self.pool,
@@ -335,23 +334,22 @@ impl<'s> Renderer<'s> {
         }
     }
 
-    /// What rays may be off by where bricks are left out as transparent by what is stored of them, and
-    /// the emission and extinction that makes no more over the `longest` way. Without accounts nobody
-    /// asks for it, and exact values need none.
+    /// What may be left out where only what is stored is transparent: so much that rays are off by
+    /// little over the `longest` way. Without accounts nobody asks for it, and exact values need none.
     fn unseen(
         &self,
         method: &Method,
         tolerance: f64,
         longest: f64,
         brightest: f64,
-    ) -> (f64, Option<(&PieceList, Change)>) {
+    ) -> Option<Unseen<'_>> {
         if matches!(method, Method::Once { accounts: false, .. }) || self.shading.is_exact() {
-            return (0.0, None);
+            return None;
         }
         let off = UNSEEN_SHARE * tolerance;
         let emission = 0.5 * off / longest;
         let limit = Change { emission, extinction: emission / brightest.max(1.0) };
-        (off, Some((&self.exact.all, limit)))
+        Some(Unseen { exact: &self.exact.all, limit, off })
     }
 
     /// One walk of the index over the whole picture.

@@ -93,8 +93,7 @@ proptest! {
         let passage = Passage { brick: &brick, region, drawn: DrawnNeighbours::ALL, hides: false };
         let transfer =
             TransferPieces::new(&if has_steps { steps() } else { smooth() }, |_| 0.0);
-        let (pieces, ending) = (&transfer.all, Ending::new(1e9, 0.0));
-        let light = Light { pieces, ending, packets: None, unseen: 0.0 };
+        let light = Light { pieces: &transfer.all, ending: Ending::new(1e9, 0.0), packets: None };
         let parts = parts(&passage, &frame, &footprint);
         let scale = if is_flat { 4.0 } else { 0.7 };
         for plane in planes {

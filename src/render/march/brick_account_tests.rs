@@ -103,7 +103,7 @@ impl<'s> Stage<'s> {
         let allowed = Some(ALLOWED);
         let packets = Some(PacketTransfer::new(table, close, allowed, 1.0, longest));
         let ending = Ending::new(brightest, 0.0);
-        let light = Light { pieces: &transfer.all, ending, packets, unseen: 0.0 };
+        let light = Light { pieces: &transfer.all, ending, packets };
         Self { grid, parts, light, brightest, care: Care::Rough }
     }
 

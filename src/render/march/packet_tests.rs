@@ -66,7 +66,7 @@ impl<'s> Setting<'s> {
         let ending = Ending::new(LONGEST * exact.largest_emission(), 0.0);
         let region = Region { lo: [0.0; 3], hi: [f64::from(EDGE); 3], ends: 0 };
         let passage = Passage { brick, region, drawn, hides: false };
-        Self { passage, exact, light: Light { pieces: &exact.all, ending, packets, unseen: 0.0 } }
+        Self { passage, exact, light: Light { pieces: &exact.all, ending, packets } }
     }
 
     pub(crate) fn alone(&self, rays: &[LocalRay]) -> Vec<RayState> {

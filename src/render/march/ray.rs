@@ -44,8 +44,6 @@ pub(crate) struct Light<'l> {
     pub(crate) ending: Ending,
     /// What packets of rays march by, if they may.
     pub(crate) packets: Option<PacketTransfer>,
-    /// What rays may be off by where bricks are left out as transparent by what is stored of them.
-    pub(crate) unseen: f64,
 }
 
 /// The square of the picture that a ray stands for, as a brick sees it.

@@ -86,7 +86,7 @@ fn exact(transfer: &TransferFunction) -> TransferPieces {
 /// A march by `pieces` in which rays end where no f32 shows it.
 fn light<'l>(transfer: &TransferPieces, pieces: &'l PieceList) -> Light<'l> {
     let ending = Ending::new(LONGEST * transfer.largest_emission(), 0.0);
-    Light { pieces, ending, packets: None, unseen: 0.0 }
+    Light { pieces, ending, packets: None }
 }
 
 /// All of a brick, with all around it drawn.

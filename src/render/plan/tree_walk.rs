@@ -41,6 +41,18 @@ impl Index for FieldIndex<'_> {
     }
 }
 
+/// How much the source's values may shine and absorb in bricks that are left out since what is stored of
+/// them is transparent.
+#[derive(Clone, Copy)]
+pub(crate) struct Unseen<'r> {
+    /// The transfer function itself.
+    pub(crate) exact: &'r PieceList,
+    /// Emission and extinction, at most.
+    pub(crate) limit: Change,
+    /// What rays are off by that miss so much all along their way.
+    pub(crate) off: f64,
+}
+
 /// What all walks of a picture share.
 pub(crate) struct WalkContext<'r> {
     /// The tree's levels, its brick shape and domain.
@@ -53,10 +65,8 @@ pub(crate) struct WalkContext<'r> {
     pub shading: &'r Shading,
     /// What the transfer function does over ranges.
     pub(crate) bounds: &'r PieceList,
-    /// The transfer function itself, whose emission and extinction may be no more than this in bricks that
-    /// are left out since what is stored of them is transparent: the source's values may be others.
-    /// None: it is not asked what they are.
-    pub(crate) unseen: Option<(&'r PieceList, Change)>,
+    /// What may be left out where only what is stored is transparent; none: nobody asks what is not.
+    pub(crate) unseen: Option<Unseen<'r>>,
     /// Whether values may be read in fewer digits than are stored.
     pub(crate) rounds: bool,
 }
@@ -105,6 +115,7 @@ pub(crate) struct Walk<'r, I, T> {
     window: PixelRect,
     stack: Vec<Open>,
     is_started: bool,
+    unseen: f64,
 }
 
 impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
@@ -116,7 +127,8 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         cut: &'r Cut,
         window: PixelRect,
     ) -> Self {
-        Self { context, index, tally, cut, window, stack: Vec::new(), is_started: false }
+        let (stack, is_started, unseen) = (Vec::new(), false, 0.0);
+        Self { context, index, tally, cut, window, stack, is_started, unseen }
     }
 
     /// The next piece. What lies wholly behind rays that need nothing more is left out, and what
@@ -161,6 +173,36 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         Ok(None)
     }
 
+    /// What rays may be off by for bricks that were left out although the source's values may be seen.
+    pub(crate) fn unseen(&self) -> f64 {
+        self.unseen
+    }
+
+    /// Whether the brick itself (`own`), or all from it down, emits and absorbs nothing, or so little of
+    /// what may be the source's values that it counts with the rays.
+    fn is_transparent(&mut self, field: &FieldRecord, own: bool) -> bool {
+        let shading = self.context.shading;
+        let range = if own { field.own } else { field.tree };
+        if field.is_void() {
+            return true;
+        }
+        let is_stored_so = shading.is_transparent(range, field.has_nan(own));
+        let is_asked = is_stored_so && range[0] <= range[1];
+        let Some(Unseen { exact, limit, off }) = self.context.unseen.filter(|_| is_asked) else {
+            return is_stored_so;
+        };
+        let [low, high] = shading.of_source(range);
+        if shading.transfer.is_transparent(low, high) {
+            return true;
+        }
+        let most = exact.over(low, high).most;
+        let is_little = most.emission <= limit.emission && most.extinction <= limit.extinction;
+        if is_little {
+            self.unseen = off;
+        }
+        is_little
+    }
+
     /// What the tally has heard.
     pub(crate) fn into_tally(self) -> T {
         self.tally
@@ -191,7 +233,7 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
             self.tally.count(BrickFate::OutOfView, subtree);
             return Ok(None);
         };
-        if context.is_transparent(&field, false) {
+        if self.is_transparent(&field, false) {
             self.tally.count(BrickFate::Transparent, subtree);
             return Ok(None);
         }
@@ -226,7 +268,7 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         let hides = request.record.child_mask != 0;
         // What is transparent itself need not be so beneath, and is counted as an error then.
         let counts = hides && matches!(self.cut, Cut::Error(_));
-        let is_transparent = !counts && self.context.is_transparent(&request.field, true);
+        let is_transparent = !counts && self.is_transparent(&request.field, true);
         let fate = if is_transparent || region.is_none() {
             BrickFate::Transparent
         } else {
@@ -247,7 +289,7 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
 
     fn open(&mut self, request: BrickRequest, seen: &Seen, opened: u8) {
         let context = self.context;
-        let is_transparent = context.is_transparent(&request.field, true);
+        let is_transparent = self.is_transparent(&request.field, true);
         let has_own = |octant: u8| {
             opened >> octant & 1 == 0 && context.region(&request.place, Some(octant)).is_some()
         };
@@ -298,26 +340,6 @@ struct Seen {
 }
 
 impl WalkContext<'_> {
-    /// Whether the brick itself (`own`), or all from it down, emits and absorbs nothing, or so little of
-    /// what may be the source's values that it counts with the rays.
-    fn is_transparent(&self, field: &FieldRecord, own: bool) -> bool {
-        let range = if own { field.own } else { field.tree };
-        if field.is_void() {
-            return true;
-        }
-        let is_stored_so = self.shading.is_transparent(range, field.has_nan(own));
-        let Some((exact, limit)) = self.unseen.filter(|_| is_stored_so && range[0] <= range[1])
-        else {
-            return is_stored_so;
-        };
-        let [low, high] = self.shading.of_source(range);
-        if self.shading.transfer.is_transparent(low, high) {
-            return true;
-        }
-        let most = exact.over(low, high).most;
-        most.emission <= limit.emission && most.extinction <= limit.extinction
-    }
-
     /// The brick's lowest corner, moved by half its edge along the axes in `octant`: that
     /// octant's lowest corner, and for 7 the brick's centre.
     fn corner(&self, place: &BrickPlace, octant: u8) -> Position {

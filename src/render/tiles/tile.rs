@@ -376,20 +376,22 @@ impl Tile {
         samples
     }
 
-    /// Each square with what its ray has gathered (R, G, B, A) and how far that may be off.
+    /// Each square with what its ray has gathered (R, G, B, A) and how far that may be off, with what
+    /// was left out `unseen`.
     pub(crate) fn outcome<'t>(
         &'t mut self,
         light: &'t Light<'_>,
+        unseen: f64,
     ) -> impl Iterator<Item = Found> + 't {
         self.settle(light);
         let rays = self.squares.iter().zip(&self.states).zip(&self.errors);
-        rays.map(|((square, state), error)| {
+        rays.map(move |((square, state), error)| {
             let [r, g, b] = state.radiance;
             let ending = &light.ending;
             // What lies behind may be opaque even where nothing shines.
             let rest = if state.is_done(ending) { ending.brightest.max(1.0) } else { 0.0 };
             let mut shares = error.shares(state.radiance, state.opacity(), ending.brightest, rest);
-            shares.storage += light.unseen;
+            shares.storage += unseen;
             let value = [r, g, b, state.opacity()];
             Found { square: *square, value, shares: shares.into(), uneven: None }
         })
