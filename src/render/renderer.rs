@@ -196,6 +196,8 @@ impl<'s> Renderer<'s> {
             if is_settled || !is_drawn_again.contains(&true) {
                 return Ok(());
             }
+            let smaller = FIRST_TRY * limit / goal.tolerance;
+            picture.context.unseen = picture.context.unseen.map(|unseen| unseen.times(smaller));
             goal.tolerance = FIRST_TRY * limit;
             goal.behind = largest;
             let brightest = picture.light.ending.brightest;
@@ -299,7 +301,7 @@ impl<'s> Renderer<'s> {
         let longest = diagonal(&header.domain);
         let brightest = transfer.brightest().min(transfer.largest_emission() * longest);
         let tiles = usize::try_from(pixels.tiles()).unwrap_or(usize::MAX);
-        let unseen = self.unseen(&method, allowed.unwrap_or(0.0), longest, brightest);
+        let unseen = self.unseen(&method, allowed.unwrap_or(0.0), brightest);
         Ok(Picture {
             cache: self.cache,
             light: Light {
@@ -335,19 +337,13 @@ impl<'s> Renderer<'s> {
     }
 
     /// What may be left out where only what is stored is transparent: so much that rays are off by
-    /// little over the `longest` way. Without accounts nobody asks for it, and exact values need none.
-    fn unseen(
-        &self,
-        method: &Method,
-        tolerance: f64,
-        longest: f64,
-        brightest: f64,
-    ) -> Option<Unseen<'_>> {
+    /// little over the longest way. Without accounts nobody asks for it, and exact values need none.
+    fn unseen(&self, method: &Method, tolerance: f64, brightest: f64) -> Option<Unseen<'_>> {
         if matches!(method, Method::Once { accounts: false, .. }) || self.shading.is_exact() {
             return None;
         }
         let off = UNSEEN_SHARE * tolerance;
-        let emission = 0.5 * off / longest;
+        let emission = 0.5 * off / diagonal(&self.cache.header().domain);
         let limit = Change { emission, extinction: emission / brightest.max(1.0) };
         Some(Unseen { exact: &self.exact.all, limit, off })
     }

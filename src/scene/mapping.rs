@@ -57,8 +57,11 @@ impl Scale {
         if low >= -linthresh && high <= linthresh {
             return linear / (0.9 * linthresh);
         }
-        if linear.is_nan() || !(low < high && (high - low).is_finite()) {
+        if !(linear.is_finite() && (high - low).is_finite()) {
             return f64::INFINITY;
+        }
+        if low == high {
+            return 0.0;
         }
         let [first, last] = [low, high].map(|f| self.apply(f));
         let slope = (last - first) / (high - low);
@@ -452,6 +455,10 @@ mod tests {
                     continue;
                 }
                 let mapping = mapping(scale, Some([1e-3, 20.0]));
+                // Whatever is not known of means, of one value there is only one.
+                let alike = mapping.distance(0.0, 0.0, [a, a]);
+                prop_assert_eq!(alike, 0.0);
+                prop_assert!(!mapping.distance(f64::INFINITY, f64::INFINITY, [a, a]).is_nan());
                 let apart = |of: &dyn Fn(f64) -> f64| {
                     let mean = |w: f64, [a, b]: [f64; 2]| w * of(a) + (1.0 - w) * of(b);
                     (mean(v, [a, b]) - mean(w, [c, d])).abs()

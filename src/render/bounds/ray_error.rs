@@ -473,6 +473,28 @@ mod tests {
         assert_eq!((wide.total(), wide.beside_area()), (f64::INFINITY, 1.0));
     }
 
+    /// Rays between those that were marched may see more of what lies behind by a factor of e^k.
+    #[test]
+    fn what_is_lent_grows_by_what_transmittances_differ_by() {
+        let sums = Sums { emission: 0.5, dimmed: 0.25, extinction: 0.25 };
+        let apart = Sums { extinction: 0.5, ..Sums::default() };
+        let mut error = RayError { levels: sums, storage: sums, ..RayError::default() };
+        (error.march, error.digits, error.quadrature) = (sums, sums, 0.5);
+        error.farthest = apart;
+        let mut lent = error.lent(1.0);
+        lent.cancel();
+        let grown = Sums { emission: 0.5, dimmed: 0.25, extinction: 0.0 }.times(0.5_f64.exp());
+        for found in [lent.levels, lent.storage, lent.march, lent.digits] {
+            assert_eq!(found, Sums { extinction: 0.25, ..grown });
+        }
+        assert_eq!(lent.quadrature, grown.emission);
+        // Nothing times whatever is nothing.
+        let farthest = Sums { extinction: f64::INFINITY, ..Sums::default() };
+        let mut nothing = RayError { farthest, ..RayError::default() }.lent(1.0);
+        nothing.cancel();
+        assert_eq!((nothing.levels, nothing.quadrature), (Sums::default(), 0.0));
+    }
+
     #[test]
     fn what_is_no_number_has_no_bound() {
         let all = |error: RayError| error.shares([1.0; 3], 0.0, 10.0, 0.0).total();

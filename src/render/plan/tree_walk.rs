@@ -53,6 +53,13 @@ pub(crate) struct Unseen<'r> {
     pub(crate) off: f64,
 }
 
+impl Unseen<'_> {
+    /// So many times as much.
+    pub(crate) fn times(self, factor: f64) -> Self {
+        Self { limit: self.limit.times(factor), off: self.off * factor, ..self }
+    }
+}
+
 /// What all walks of a picture share.
 pub(crate) struct WalkContext<'r> {
     /// The tree's levels, its brick shape and domain.
