@@ -4,8 +4,15 @@
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Polynomial<const N: usize>(pub [f64; N]);
 
-/// A root is found to this in s at worst, as a rule to its square (Newton's method).
+/// A root is found to this in s at worst, as a rule to f64's rounding.
 const ROOT_TOLERANCE: f64 = 1e-9;
+/// Steps of Chebyshev's method that leave nothing to a next one: the error e becomes about 2(c·e)²·e,
+/// where c is half the second derivative over the first, and where that says nothing a third of c·e².
+const LAST_STEP: f64 = 1e-6;
+const LAST_BEND: f64 = 1e-5;
+/// What the second derivative may change of a step: by all of it where a function flattens towards
+/// its root, and that step of 0 would draw others to a place that is none.
+const MOST_BEND: f64 = 0.5;
 
 /// Halvings at most of what is not monotone, before all of it counts as near.
 const NEAR_HALVINGS: u32 = 16;
@@ -14,7 +21,11 @@ impl<const N: usize> Polynomial<N> {
     /// The value at `s`.
     #[inline]
     pub(crate) fn at(&self, s: f64) -> f64 {
-        self.0.iter().rev().fold(0.0, |sum, c| sum * s + c)
+        let mut sum = self.0[N - 1];
+        for c in self.0[..N - 1].iter().rev() {
+            sum = sum * s + c;
+        }
+        sum
     }
 
     /// The polynomial over [`from`, `to`] in terms of a variable that goes from 0 to 1 there.
@@ -102,35 +113,50 @@ impl<const N: usize> Polynomial<N> {
     }
 
     /// Where the function, monotone over [`from`, 1], takes `value`, which must lie between its
-    /// values at both ends; the nearer end otherwise. Newton's method, kept in its bracket.
+    /// values at both ends; the nearer end otherwise. Chebyshev's method (Newton's with the second
+    /// derivative, of third order), kept in its bracket.
     pub(crate) fn solve(&self, value: f64, from: f64) -> f64 {
         let (mut low, mut high) = (from, 1.0);
-        let (at_low, at_high) = (self.at(low) - value, self.at(high) - value);
+        let first = self.expanded(low, value);
+        let (at_low, at_high) = (first[0], self.at(high) - value);
         if at_low == 0.0 || at_high == 0.0 || (at_low < 0.0) == (at_high < 0.0) {
             return if at_low.abs() <= at_high.abs() { low } else { high };
         }
-        let mut s = low + (high - low) * (at_low / (at_low - at_high));
+        let guess = low - step(first)[0];
+        let mut s = if guess > low && guess < high {
+            guess
+        } else {
+            low + (high - low) * (at_low / (at_low - at_high))
+        };
         for _ in 0..100 {
-            let (f, slope) = self.value_and_slope(s, value);
-            if f == 0.0 {
+            let here = self.expanded(s, value);
+            if here[0] == 0.0 {
                 break;
             }
-            if (f < 0.0) == (at_low < 0.0) {
+            if (here[0] < 0.0) == (at_low < 0.0) {
                 low = s;
             } else {
                 high = s;
             }
-            let newton = s - f / slope;
-            if (newton - s).abs() <= f64::EPSILON {
+            let [moved, bend] = step(here);
+            let next = s - moved;
+            if moved.abs() <= f64::EPSILON {
                 break;
             }
-            let inside = newton > low && newton < high;
-            let next = if inside { newton } else { 0.5 * (low + high) };
-            let moved = (next - s).abs();
-            s = next;
-            // Halving says nothing of how near the root is.
-            if moved < if inside { ROOT_TOLERANCE } else { f64::EPSILON } {
-                break;
+            if next > low && next < high {
+                s = next;
+                let is_last = moved.abs() <= LAST_STEP && bend.abs() <= LAST_BEND;
+                if is_last || moved.abs() < ROOT_TOLERANCE {
+                    break;
+                }
+            } else {
+                // Halving says nothing of how near the root is.
+                let middle = 0.5 * (low + high);
+                let is_done = (middle - s).abs() < f64::EPSILON;
+                s = middle;
+                if is_done {
+                    break;
+                }
             }
         }
         s
@@ -147,7 +173,7 @@ impl<const N: usize> Polynomial<N> {
 
     /// The slope at `s`.
     pub(crate) fn slope(&self, s: f64) -> f64 {
-        self.value_and_slope(s, 0.0).1
+        self.expanded(s, 0.0)[1]
     }
 
     /// Where the slope changes sign in [0, 1], if it does so once.
@@ -159,14 +185,27 @@ impl<const N: usize> Polynomial<N> {
         slope.solve(0.0, 0.0)
     }
 
-    fn value_and_slope(&self, s: f64, value: f64) -> (f64, f64) {
-        let (mut f, mut slope) = (0.0, 0.0);
-        for c in self.0.iter().rev() {
-            slope = slope * s + f;
+    /// What the function is more than `value` at `s`, its slope there, and half its second derivative.
+    #[inline]
+    fn expanded(&self, s: f64, value: f64) -> [f64; 3] {
+        let (mut f, mut slope, mut bend) = (self.0[N - 1], 0.0, 0.0);
+        // A product with 0 is no number where s is none, so that it would be worked out.
+        for (done, c) in self.0[..N - 1].iter().rev().enumerate() {
+            bend = if done > 1 { bend * s + slope } else { slope };
+            slope = if done > 0 { slope * s + f } else { f };
             f = f * s + c;
         }
-        (f - value, slope)
+        [f - value, slope, bend]
     }
+}
+
+/// How far from the root a place is at which a function is so `expanded`, by Chebyshev's method (by
+/// Newton's where the second derivative changes that by more than [`MOST_BEND`] of it), and that change.
+#[inline]
+fn step([f, slope, bend]: [f64; 3]) -> [f64; 2] {
+    let newton = f / slope;
+    let change = bend / slope * newton;
+    [newton * if change.abs() <= MOST_BEND { 1.0 + change } else { 1.0 }, change]
 }
 
 impl Polynomial<4> {
@@ -197,6 +236,8 @@ impl Polynomial<4> {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     const P: Polynomial<8> = Polynomial([0.3, -2.0, 5.0, 1.0, -7.0, 0.5, 2.0, 1.5]);
@@ -256,6 +297,55 @@ mod tests {
         assert_eq!(triple.solve(9.0, 0.25), 1.0);
         let line = Polynomial([0.0, 2.0, 0.0, 0.0]);
         assert!((line.solve(1.3, 0.1) - 0.65).abs() < 1e-12);
+    }
+
+    #[test]
+    fn no_step_ends_where_there_is_no_root() {
+        // Chebyshev's step at -1: nothing.
+        for change in [-1.0, -1.0 + 1e-9, 3.0, f64::NAN] {
+            assert_eq!(step([2.0, 4.0, 8.0 * change])[0], 0.5);
+        }
+        assert_eq!(step([2.0, 4.0, -0.8]), [0.45, -0.1]);
+    }
+
+    /// By halving alone.
+    fn bisected<const N: usize>(x: &Polynomial<N>, value: f64, from: f64) -> f64 {
+        let (mut low, mut high) = (from, 1.0);
+        let is_below = |s: f64| (x.at(s) < value) == (x.at(from) < value);
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if is_below(middle) { low = middle } else { high = middle }
+        }
+        low
+    }
+
+    proptest! {
+        #[test]
+        fn roots_are_those_of_halving(
+            points in prop::array::uniform4(0.0..1.0_f64),
+            power in 1..12_i32,
+            [from, share] in prop::array::uniform2(0.0..1.0_f64),
+            falls in any::<bool>(),
+        ) {
+            // Bernstein coefficients that grow, some of them by next to nothing.
+            let mut sum = 0.0;
+            let b = points.map(|p| { sum += p.powi(power); if falls { -sum } else { sum } });
+            let x = Polynomial([
+                b[0],
+                3.0 * (b[1] - b[0]),
+                3.0 * (b[2] - 2.0 * b[1] + b[0]),
+                b[3] - 3.0 * b[2] + 3.0 * b[1] - b[0],
+            ]);
+            let [low, high] = [x.at(from), x.at(1.0)];
+            let value = low + share * (high - low);
+            let (ours, truth) = (x.solve(value, from), bisected(&x, value, from));
+            // What rounding of values makes of places counts as well.
+            let off = (x.at(ours) - value).abs();
+            prop_assert!(
+                (ours - truth).abs() <= 1e-10 || off <= 4.0 * f64::EPSILON * sum,
+                "{ours} for {truth}, off by {off:e}"
+            );
+        }
     }
 
     #[test]
