@@ -127,6 +127,27 @@ fn a_rival_that_is_the_exact_picture_is_found() {
 }
 
 #[test]
+fn the_exact_picture_may_be_left_out() {
+    let (folder, cache, scene) = cache_and_scene("1");
+    let plots = folder.path().join("plots");
+    let words: [&dyn AsRef<OsStr>; 7] = [
+        &"tolerance",
+        &cache,
+        &scene,
+        &"--tolerances=1e-1,1e-2",
+        &"--no-exact",
+        &"--repeat=1",
+        &format!("--output={}", plots.display()),
+    ];
+    let rows = table(&bench(&words).done());
+    let tolerances: Vec<f64> = rows.iter().map(|row| number(row, "tolerance")).collect();
+    assert_eq!(tolerances, [0.1, 0.01]);
+    assert!(rows.iter().all(|row| number(row, "error") > 0.0), "compared with the exact picture");
+    let svg = std::fs::read_to_string(plots.join("seconds.svg")).unwrap();
+    assert!(svg.contains("measured error") && !svg.contains("exact"), "{svg}");
+}
+
+#[test]
 fn depths_are_compared_with_the_first() {
     let (_folder, cache, scene) = cache_and_scene("1");
     let words: [&dyn AsRef<OsStr>; 5] = [&"depth", &scene, &cache, &cache, &"--repeat=2"];

@@ -24,7 +24,7 @@ pub(super) struct Arguments {
     cache: PathBuf,
     /// The scene (TOML)
     scene: PathBuf,
-    /// Tolerances, parts of the picture's largest value; the exact picture always follows
+    /// Tolerances, parts of the picture's largest value; the exact picture follows
     #[arg(
         long,
         value_name = "LIST",
@@ -33,6 +33,9 @@ pub(super) struct Arguments {
         default_value = "1e-1,3e-2,1e-2,3e-3,1e-3,3e-4,1e-4,3e-5,1e-5"
     )]
     tolerances: Vec<f64>,
+    /// Do without the exact picture: where it is of areas it takes most of the time
+    #[arg(long)]
+    no_exact: bool,
     /// Write tolerance.csv and the plots seconds.svg, bytes.svg and samples.svg to this folder too
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -61,7 +64,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let budget = Duration::from_secs(arguments.reference_seconds.into());
     let reference = Reference::new(&renderer, cache, scene, samples, budget)?;
     let bench = Bench { renderer: &renderer, cache, scene, reference: &reference };
-    let mut rows = measure_rows(&bench, &arguments.tolerances)?;
+    let mut rows = measure_rows(&bench, arguments)?;
     let rivals = arguments.fixed.then(|| fixed::measure_all(&bench, samples, goal(&bench, &rows)));
     let mut rivals = rivals.transpose()?;
     time_again(&bench, &mut rows, rivals.as_deref_mut(), arguments.limits.repeat)?;
@@ -76,15 +79,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     Output::new().end_with(&text)
 }
 
-fn measure_rows(bench: &Bench<'_>, tolerances: &[f64]) -> Result<Vec<Row>> {
+fn measure_rows(bench: &Bench<'_>, arguments: &Arguments) -> Result<Vec<Row>> {
     let bar = Bar::new("tolerance", "pictures");
-    let all = tolerances.iter().copied().chain([0.0]);
-    let row = |(done, tolerance): (u64, f64)| {
-        bar.show("tolerance", done, tolerances.len() as u64 + 1);
+    let exact = (!arguments.no_exact).then_some(0.0);
+    let all: Vec<f64> = arguments.tolerances.iter().copied().chain(exact).collect();
+    let row = |(done, &tolerance): (u64, &f64)| {
+        bar.show("tolerance", done, all.len() as u64);
         let text = if tolerance > 0.0 { format!("{}%", 100.0 * tolerance) } else { "0".into() };
         Ok(Row { tolerance, measured: bench.measure(vec!["--tolerance".into(), text])? })
     };
-    (0..).zip(all).map(row).collect()
+    (0..).zip(&all).map(row).collect()
 }
 
 /// What rivals are tried for: the least error of all rows, and no longer than those by tolerance
