@@ -79,11 +79,14 @@ impl Visit<'_> {
     fn look_at(&self, account: &mut BrickAccount<'_>, rim: &Rim, counted: f64) {
         let Self { region, beam, span, .. } = *self;
         let mut end = self.domain_end(account.spread(), rim.all());
-        // A short way is looked at once.
-        let is_short = self.cells(rim.all()) <= PART_CELLS;
-        let group = is_short.then(|| self.around(account, rim.all()));
-        if span.is_some() && end == DomainEnd::Face && beam.angle != 0.0 {
-            end = self.cross_face(account, rim, group.as_deref());
+        // A short way is looked at once; and one over which what is met and what is missed cancel.
+        let is_one = matches!(end, DomainEnd::Face(_)) || self.cells(rim.all()) <= PART_CELLS;
+        let group = is_one.then(|| self.around(account, rim.all()));
+        let is_slanted = span.is_some() && beam.angle != 0.0;
+        if let (DomainEnd::Face(_), Some(group), true) = (end, &group, is_slanted) {
+            if !self.crosses_face(account, rim, group) {
+                end = DomainEnd::Edge;
+            }
         }
         let share = if span.is_some() { 0.5 } else { beam.covered.min(0.5) };
         self.each_part(account, rim.outside, group.as_deref(), |account, group, segment| {
@@ -147,35 +150,26 @@ impl Visit<'_> {
     }
 
     /// Where the domain ends at one face, distances from the eye to it differ within the square: adds
-    /// what of them does not cancel. Returns how the domain ends: at an edge, where they differ too
-    /// much.
+    /// what of them does not cancel, of what `group` holds. Returns whether they differ by little
+    /// enough for that.
     ///
     /// The distance to a plane along a unit vector u is h/(u·n). Where it is s for the centre's, and η
     /// the largest relative change of u·n in first order, its mean is s but for (α²/6 + α·η/3 +
     /// η²/3(1 − η))·s, α half the square's diagonal as an angle. (The middle term counts as the bend of
     /// [`BrickAccount`]'s faces.)
-    fn cross_face(
-        &self,
-        account: &mut BrickAccount<'_>,
-        rim: &Rim,
-        around: Option<&Group>,
-    ) -> DomainEnd {
+    fn crosses_face(&self, account: &mut BrickAccount<'_>, rim: &Rim, group: &Group) -> bool {
         let Self { ray, beam, .. } = *self;
         let ((first, last), face) = (rim.all(), rim.face);
         let way = (face - first).max(last - face);
         let distance = beam.depth + face;
         let slant = way / distance;
         if !(0.0..=MOST_SLANT).contains(&slant) {
-            return DomainEnd::Edge;
+            return false;
         }
         let bend = 0.25 * beam.angle * beam.angle + slant * slant / (3.0 * (1.0 - slant));
         let length = bend * distance * ray.length;
-        let segment = PathSegment { length, transmittance: self.before(face) };
-        match around {
-            Some(group) => account.bend_at_face(group, segment),
-            None => account.bend_at_face(&self.around(account, rim.all()), segment),
-        }
-        DomainEnd::Face
+        account.bend_at_face(group, PathSegment { length, transmittance: self.before(face) });
+        true
     }
 
     /// How the domain ends within the spread of the ray over a stretch of σ: at one of the region's faces,
@@ -187,7 +181,7 @@ impl Visit<'_> {
             return DomainEnd::Nowhere;
         }
         let long = |a: usize| (region.hi[a] - region.lo[a]) / ray.direction[a].abs();
-        let mut count = 0;
+        let (mut count, mut crossing) = (0, 0.0);
         for (a, spread) in spread.into_iter().enumerate() {
             let [p, q] = [from, to].map(|sigma| ray.origin[a] + ray.direction[a] * sigma);
             let (low, high, reach) = (p.min(q), p.max(q), spread * (1.0 + 1e-9));
@@ -197,12 +191,16 @@ impl Visit<'_> {
                     let way = 2.0 * reach / ray.direction[a].abs();
                     let crosses = (0..3).all(|b| b == a || way <= long(b));
                     count += if crosses { 1 } else { 2 };
+                    crossing = (plane - ray.origin[a]) / ray.direction[a];
                 }
             }
         }
         match count {
             0 => DomainEnd::Nowhere,
-            1 => DomainEnd::Face,
+            1 => {
+                let way = (from - crossing).abs().max((to - crossing).abs());
+                DomainEnd::Face((ray.direction * way).abs().to_array())
+            }
             _ => DomainEnd::Edge,
         }
     }

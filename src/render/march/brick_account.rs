@@ -30,13 +30,14 @@ pub(crate) struct BrickAccount<'a> {
     shift: Shift,
 }
 
-/// How the domain ends near a ray.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// How the domain ends near a part of a ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum DomainEnd {
     /// Not at all.
     Nowhere,
-    /// At one plane.
-    Face,
+    /// At one plane, which the ray crosses up to so many cells away, along each axis, from any place
+    /// where others of its square may.
+    Face([f64; 3]),
     /// At several.
     Edge,
 }
@@ -238,15 +239,18 @@ impl<'a> BrickAccount<'a> {
         end: DomainEnd,
     ) {
         let most = group.span.most;
-        let mut change = self.change_beside(group);
+        let along = if let DomainEnd::Face(along) = end { along } else { [0.0; 3] };
+        let mut change = self.change_beside(group, along);
         if self.hides {
             // The coarser values need not meet the neighbour's at the face.
             change = change.plus(group.levels.times(2.0));
         }
-        if end == DomainEnd::Edge || group.has_void {
-            change = change.max(most);
-        } else if end == DomainEnd::Face {
-            return self.add_face(group, change.times(2.0), segment, share);
+        match end {
+            DomainEnd::Face(_) if !group.has_void => {
+                return self.add_face(group, change.times(2.0), segment, share);
+            }
+            DomainEnd::Nowhere if !group.has_void => {}
+            _ => change = change.max(most),
         }
         self.add_part(change, segment, share);
     }
@@ -271,8 +275,8 @@ impl<'a> BrickAccount<'a> {
         share: f64,
         end: DomainEnd,
     ) {
-        if end == DomainEnd::Face {
-            let change = self.change_beside(group);
+        if let DomainEnd::Face(along) = end {
+            let change = self.change_beside(group, along);
             self.add_face(group, change.times(2.0), segment, share);
         } else {
             self.add_part(group.span.most, segment, share);
@@ -296,9 +300,10 @@ impl<'a> BrickAccount<'a> {
         self.relief.near(point, widest + half, widest)
     }
 
-    /// How far light differs by the square's displacements.
-    fn change_beside(&self, group: &Group) -> Change {
-        group.change((0..3).map(|a| group.slope[a] * self.spread.cells[a]).sum())
+    /// How far light differs by the square's displacements, and by so many cells `along` the ray.
+    fn change_beside(&self, group: &Group, along: [f64; 3]) -> Change {
+        let away = |a: usize| self.spread.cells[a] + along[a];
+        group.change((0..3).map(|a| group.slope[a] * away(a)).sum())
     }
 
     /// `share` of the square differs by `change`.

@@ -151,3 +151,27 @@ fn depths_of_many_parts_are_off_by_no_more_than_their_accounts_say() {
         }
     }
 }
+
+/// Along a side of the domain others of a square leave it many cells before or behind its centre's: what
+/// they miss there is not what those opposite meet.
+#[test]
+fn values_along_a_side_of_the_domain_change_before_opposite_rays_leave_it() {
+    let slanted: [Leaf; 4] = [
+        linear,
+        |_, _| 0.5,
+        |_, [x, _, _]| if x < 10 { 0.2 } else { 0.9 },
+        |_, [x, _, _]| 0.5 + 0.04 * (x - 9) as f64,
+    ];
+    let target = [1.0, 0.0, 0.5];
+    for (leaf, slope) in slanted
+        .into_iter()
+        .flat_map(|leaf| [0.003, 0.01, 0.0458, 0.2, -0.0458].map(|slope| (leaf, slope)))
+    {
+        let data = TestData::one_level(leaf);
+        let scene = camera(target, [3.0, 0.0, slope], 0.0, Some(0.1));
+        for medium in 0..6 {
+            let linear = Interpolation::Linear;
+            check_all(&data, &all_bricks(), &scene, medium, linear, &middle_squares()).unwrap();
+        }
+    }
+}
