@@ -156,7 +156,7 @@ pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     let turning = l.mul(l.mul(rise, width), l.mul(l.add(square, leaning), l.splat(12.0)));
     let share = l.splat(1.0 / 4320.0);
     let all = l.fma(depth, coupled, l.fma(l.add(rising, turning), share, unseen));
-    // PartValues from the part's near end, not on average: e^depth up to 1 is at most 1 + 1.72·depth.
+    // From the part's near end, not on average: e^depth up to 1 is at most 1 + 1.72·depth.
     let near = l.fma(depth, l.splat(1.72), one);
     PartError {
         emission: l.mul(all, near),

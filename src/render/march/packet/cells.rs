@@ -51,18 +51,15 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(
     let mut walk = Walk::new(l, brick, packet);
     let mut sums = Sums::load(l, packet);
     let mut doubts = Doubts::new(l, &walk);
-    let (thickness, fade) = (l.load(&packet.thickness), l.load(&packet.fade));
-    let (zero, one) = (l.splat(0.0), l.splat(1.0));
+    let (fade, zero) = (l.load(&packet.fade), l.splat(0.0));
     let side = l.splat(brick.side as f32);
     let mut active = l.mask(packet.active);
     for n in 0..3 {
         let lost = l.splat(LOST[usize::from(n > 0)]);
         sums.off[n] = l.add(sums.off[n], l.select(active, lost, zero));
     }
-    // Rays begin with nothing gathered: there is nothing that they stop for on the way.
-    let (mut seen, mut gathered) = ([one, zero], Gathered::new(l));
+    let mut gathered = Gathered::new(l, l.load(&packet.thickness));
     let (has_squares, mut beside) = (!brick.reliefs.is_empty(), Beside::load(l, packet));
-    let nothing = [zero; 2];
     let mut count = 0;
     while l.bits(active) != 0 {
         count += u64::from(l.bits(active).count_ones());
@@ -71,44 +68,20 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(
         let planes = walk.inner_planes();
         let exit = walk.exit(planes);
         let way = l.select(active, exit.way, zero);
-        let long_way = select(l, active, walk.way_to(&exit), nothing);
-        let before = l.add(seen[0], seen[1]);
-        let (mut depth, mut lit) = (nothing, long_product(l, seen, long_way));
-        let mut rounding = THIN_ROUNDING.map(|rounding| l.splat(rounding));
-        if ABSORBS {
-            depth = depth_of(l, long_way, product(l, thickness, shade[3]));
-            let passed = Attenuation::over(l, depth);
-            lit = long_product(l, lit, passed.mean);
-            seen = long_product(l, seen, passed.left);
-            for n in 0..2 {
-                let thick = l.splat(THICK_ROUNDING[n]);
-                rounding[n] = l.select(passed.is_thin, rounding[n], thick);
-            }
-            gathered.depth = and(l, gathered.depth, select(l, active, depth, nothing));
-        }
-        for c in 0..3 {
-            let light = select(l, active, times(l, lit, shade[c]), nothing);
-            gathered.light[c] = and(l, gathered.light[c], light);
-        }
-        let (depth, lit) = (depth[0], lit[0]);
+        let before = gathered.transmittance();
+        let passed = gathered.pass::<ABSORBS>(
+            &shade,
+            select(l, active, walk.way_to(&exit), [zero; 2]),
+            active,
+        );
         let own = [l.max(l.max(shade[0], shade[1]), shade[2]), shade[3]];
-        let rounded = [l.mul(rounding[0], own[0]), l.mul(rounding[1], own[1])];
-        sums.off = add_off::<L, ABSORBS>(l, sums.off, rounded, lit, way);
-        let CellDoubt { length, is_simple } = doubts.pass(l, &walk, planes, &exit);
-        let mut rates = own;
-        // Behind the cell without the ways in doubt at its ends, a twentieth of it at most:
-        // e^(depth/20) is less than 1 + depth as far as anything is seen.
-        let behind = l.mul(seen[0], l.add(one, l.min(depth, l.splat(DARK))));
-        let mut shadow = behind;
-        if l.bits(l.without(active, is_simple)) != 0 {
-            let most = rates_at(l, brick.rates, walk.group(brick.groups), active);
-            for n in 0..2 {
-                rates[n] = l.select(is_simple, own[n], most[n]);
-            }
-            shadow = l.select(is_simple, behind, before);
-        }
-        let length = l.select(active, length, zero);
-        sums.off = add_off::<L, ABSORBS>(l, sums.off, rates, l.mul(shadow, length), length);
+        let rounded = [l.mul(passed.rounding[0], own[0]), l.mul(passed.rounding[1], own[1])];
+        sums.off = add_off::<L, ABSORBS>(l, sums.off, rounded, passed.lit, way);
+        let doubt = doubts.pass(l, &walk, planes, &exit);
+        let seen = [passed.behind, before];
+        let (rates, lit) = doubt.rates(l, brick, &walk, own, seen, active);
+        let length = l.select(active, doubt.length, zero);
+        sums.off = add_off::<L, ABSORBS>(l, sums.off, rates, l.mul(lit, length), length);
         if has_squares {
             walk.locate();
             beside.pass::<ABSORBS>(l, brick, &walk, [way, before], active);
@@ -118,13 +91,13 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(
             if has_squares {
                 rates = beside.squares.levels(l, brick, rates, active);
             }
-            sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, lit, way);
+            sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, passed.lit, way);
         }
         let rates = rates_at(l, brick.storages, cell, active);
-        sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, lit, way);
+        sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, passed.lit, way);
         active = go_on::<L, ABSORBS>(l, &mut walk, &exit, active, gathered.depth[0], fade);
     }
-    gathered.store(l, packet, &mut sums);
+    gathered.store(packet, &mut sums);
     beside.store(l, packet);
     walk.store(packet);
     packet.active = 0;
@@ -148,25 +121,78 @@ fn and<L: Lanes>(l: L, all: Long<L>, more: Long<L>) -> Long<L> {
 
 /// What rays have gathered, and passed.
 struct Gathered<L: Lanes> {
+    l: L,
+    thickness: L::Float,
     light: [Long<L>; 3],
     depth: Long<L>,
+    /// The transmittance of all that was passed.
+    seen: Long<L>,
+}
+
+/// What a cell's emission and extinction count for.
+struct Passed<L: Lanes> {
+    /// ∫ T ds over the way through it.
+    lit: L::Float,
+    /// The transmittance behind the cell, at most, without the ways in doubt at its ends.
+    behind: L::Float,
+    /// What both may be off by, relative.
+    rounding: [L::Float; 2],
 }
 
 impl<L: Lanes> Gathered<L> {
+    /// Rays begin with nothing gathered: there is nothing that they stop for on the way.
     #[inline(always)]
-    fn new(l: L) -> Self {
-        let nothing = [l.splat(0.0); 2];
-        Self { light: [nothing; 3], depth: nothing }
+    fn new(l: L, thickness: L::Float) -> Self {
+        let (zero, one) = (l.splat(0.0), l.splat(1.0));
+        let nothing = [zero; 2];
+        Self { l, thickness, light: [nothing; 3], depth: nothing, seen: [one, zero] }
     }
 
     #[inline(always)]
-    fn store(&self, l: L, packet: &mut Packet, sums: &mut Sums<L>) {
+    fn transmittance(&self) -> L::Float {
+        self.l.add(self.seen[0], self.seen[1])
+    }
+
+    /// Passes `way` through a cell of emission and extinction `shade`.
+    #[inline(always)]
+    fn pass<const ABSORBS: bool>(
+        &mut self,
+        shade: &[L::Float; 4],
+        way: Long<L>,
+        active: L::Mask,
+    ) -> Passed<L> {
+        let (l, nothing) = (self.l, [self.l.splat(0.0); 2]);
+        let (mut depth, mut lit) = (nothing, long_product(l, self.seen, way));
+        let mut rounding = THIN_ROUNDING.map(|rounding| l.splat(rounding));
+        if ABSORBS {
+            depth = depth_of(l, way, product(l, self.thickness, shade[3]));
+            let passed = Attenuation::over(l, depth);
+            lit = long_product(l, lit, passed.mean);
+            self.seen = long_product(l, self.seen, passed.left);
+            for n in 0..2 {
+                let thick = l.splat(THICK_ROUNDING[n]);
+                rounding[n] = l.select(passed.is_thin, rounding[n], thick);
+            }
+            self.depth = and(l, self.depth, select(l, active, depth, nothing));
+        }
+        for c in 0..3 {
+            let light = select(l, active, times(l, lit, shade[c]), nothing);
+            self.light[c] = and(l, self.light[c], light);
+        }
+        // The ways in doubt are a twentieth of the cell at most: e^(depth/20) is less than 1 + depth as
+        // far as anything is seen.
+        let doubt = l.add(l.splat(1.0), l.min(depth[0], l.splat(DARK)));
+        Passed { lit: lit[0], behind: l.mul(self.seen[0], doubt), rounding }
+    }
+
+    #[inline(always)]
+    fn store(&self, packet: &mut Packet, sums: &mut Sums<L>) {
         for c in 0..3 {
             sums.light[c] = self.light[c][0];
-            l.store(self.light[c][1], &mut packet.left[c]);
+            self.l.store(self.light[c][1], &mut packet.left[c]);
         }
         sums.depth = self.depth;
-        sums.store(l, packet);
+        sums.store(self.l, packet);
     }
 }
 
@@ -254,6 +280,30 @@ struct CellDoubt<L: Lanes> {
     length: L::Float,
     /// Whether these are only the one before and the next.
     is_simple: L::Mask,
+}
+
+impl<L: Lanes> CellDoubt<L> {
+    /// What may be emitted and absorbed over the length in doubt, and how much of that is seen: of the
+    /// cell's `own`, what is seen behind it; of all in the group, what is seen before.
+    #[inline(always)]
+    fn rates(
+        &self,
+        l: L,
+        brick: &PacketBrick<'_>,
+        walk: &Walk<L>,
+        own: [L::Float; 2],
+        [behind, before]: [L::Float; 2],
+        active: L::Mask,
+    ) -> ([L::Float; 2], L::Float) {
+        if l.bits(l.without(active, self.is_simple)) == 0 {
+            return (own, behind);
+        }
+        let mut rates = rates_at(l, brick.rates, walk.group(brick.groups), active);
+        for n in 0..2 {
+            rates[n] = l.select(self.is_simple, own[n], rates[n]);
+        }
+        (rates, l.select(self.is_simple, behind, before))
+    }
 }
 
 impl<L: Lanes> Doubts<L> {
