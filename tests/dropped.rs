@@ -79,6 +79,32 @@ fn dropped_cells_of_any_level_border_like_the_domains_edge() {
     }
 }
 
+/// NaN is no value: between it and others there is none, and elsewhere it changes nothing.
+#[test]
+fn what_lies_between_nan_and_other_values_is_nan() {
+    let value = |level: u32, cell: [i128; 3]| match (level, cell) {
+        (0, [1, 1, 1]) | (1, [9, 4, 4]) => f64::NAN,
+        _ => 2.5,
+    };
+    let source = MemorySource::new([0.0; 3], [8.0; 3], [8; 3], &[2])
+        .unwrap()
+        .grid(0, [0; 3], [8; 3], |cell| value(0, cell))
+        .grid(1, [8, 0, 0], [8, 16, 16], |cell| value(1, cell));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("nan.dfc");
+    let options = Options { brick: Some(8), ..Options::default() };
+    ingest(&source, &path, &options, &mut Progress::new(&mut |_, _, _| {})).unwrap();
+    let cache = Cache::open(&path, 4).unwrap();
+    let mut linear = Probe::new(&cache, "density", Interpolation::Linear).unwrap();
+    let mut at = |point: [f64; 3]| linear.at(&point.map(decimal)).unwrap().unwrap().value;
+    for beside in [[2.0, 1.5, 1.5], [2.4, 1.5, 1.5], [0.6, 0.6, 2.4], [4.75, 2.0, 2.25]] {
+        assert!(at(beside).is_nan(), "{beside:?}: {}", at(beside));
+    }
+    for apart in [[2.6, 1.5, 1.5], [1.5, 1.5, 2.55], [5.3, 2.25, 2.25], [7.1, 3.3, 7.9]] {
+        assert_eq!(at(apart), 2.5, "{apart:?}");
+    }
+}
+
 fn decimal(x: f64) -> Decimal {
     Decimal::from_shortest(x).unwrap()
 }

@@ -28,7 +28,8 @@ pub struct Found {
     /// The simulation's level of the leaf cell that holds the point. Where all of the finest brick was
     /// dropped, the cache may not say it: then that brick's level.
     pub level: u32,
-    /// The cell's value, or the interpolant's; NaN where it is NaN or dropped.
+    /// The cell's value, or the interpolant's; NaN where it is NaN or dropped, or draws on a value that
+    /// is NaN.
     pub value: f64,
 }
 
@@ -183,21 +184,35 @@ impl<'c> Probe<'c> {
         Ok(())
     }
 
+    /// The interpolant of the values at `position`; NaN where one of those that it draws on there is.
     fn interpolate(&mut self, finest: &Finest, position: &Position) -> Result<f64> {
-        let header = self.cache.header();
+        let is_nan = |stored: f32| f64::from(u8::from(stored.is_nan()));
+        if finest.field.has_nan(true) && self.interpolant(finest, position, is_nan)? > 0.0 {
+            return Ok(f64::NAN);
+        }
         let [low, high] = finest.field.own;
         let factor = if low.abs().max(high.abs()) > LARGE { SHRUNK } else { 1.0 };
-        let raw = &self.bricks[&finest.node];
-        let mapping = one_by_one(|stored| f64::from(stored) * factor);
-        self.scaled.prepare(raw, &finest.place, header.shape, mapping, Interpolation::Linear)?;
-        let lowest = finest.place.lowest_cell(header.shape);
-        let corner = header.domain.cell_corner(finest.place.octree, lowest);
-        let cells = header.domain.difference(position, &corner)
-            / header.domain.cell_width(finest.place.octree);
-        let inside = cells.clamp(DVec3::ZERO, DVec3::splat(header.shape.edge() as f64));
-        let value = self.scaled.value_at(inside, DrawnNeighbours::ALL);
-        let exponent = f64::from(header.fields[self.field].exponent).exp2();
+        let value = self.interpolant(finest, position, |stored| f64::from(stored) * factor)?;
+        let exponent = f64::from(self.cache.header().fields[self.field].exponent).exp2();
         Ok(value / factor * exponent)
+    }
+
+    /// The interpolant of stored values, mapped one by one.
+    fn interpolant(
+        &mut self,
+        finest: &Finest,
+        position: &Position,
+        mapping: impl Fn(f32) -> f64,
+    ) -> Result<f64> {
+        let header = self.cache.header();
+        let raw = &self.bricks[&finest.node];
+        let (place, linear) = (&finest.place, Interpolation::Linear);
+        self.scaled.prepare(raw, place, header.shape, one_by_one(mapping), linear)?;
+        let corner = header.domain.cell_corner(place.octree, place.lowest_cell(header.shape));
+        let cells =
+            header.domain.difference(position, &corner) / header.domain.cell_width(place.octree);
+        let inside = cells.clamp(DVec3::ZERO, DVec3::splat(header.shape.edge() as f64));
+        Ok(self.scaled.value_at(inside, DrawnNeighbours::ALL))
     }
 
     fn level(&self, tree_level: usize) -> Result<u32> {
