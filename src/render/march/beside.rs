@@ -83,10 +83,10 @@ impl Visit<'_> {
         let is_one = matches!(end, DomainEnd::Face(_)) || self.cells(rim.all()) <= PART_CELLS;
         let group = is_one.then(|| self.around(account, rim.all()));
         let is_slanted = span.is_some() && beam.angle != 0.0;
-        if let (DomainEnd::Face(_), Some(group), true) = (end, &group, is_slanted) {
-            if !self.crosses_face(account, rim, group) {
-                end = DomainEnd::Edge;
-            }
+        if let (DomainEnd::Face(_), Some(group), true) = (end, &group, is_slanted)
+            && !self.crosses_face(account, rim, group)
+        {
+            end = DomainEnd::Edge;
         }
         let share = if span.is_some() { 0.5 } else { beam.covered.min(0.5) };
         self.each_part(account, rim.outside, group.as_deref(), |account, group, segment| {
