@@ -421,6 +421,10 @@ fn tips_in_dark_pixels_are_seen() {
         assert!(off <= goal.tolerance, "{off} at {x}, {y}");
     });
     assert!((63 * 64..63 * 100).contains(&rays), "{rays}");
+    // What is a sixth of it covers so much less of the pixel: by their bounds a fourth of the rays do.
+    let coarse = Goal { tolerance: 0.06, ..goal };
+    let (few, _) = draw_light([9, 7], coarse, |_| 0.0, |_| 0.4, |_, _, _| {});
+    assert!((63 * 20..63 * 30).contains(&few), "{few}");
     // By their bounds there is nothing: five rays do.
     let (rays, _) = draw_light([9, 7], goal, |_| 0.0, |_| 0.02, |_, _, _| {});
     assert!(rays <= 63 * 5 + rim(9, 7), "{rays}");

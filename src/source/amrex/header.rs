@@ -1,5 +1,6 @@
 //! The plotfile's `Header`.
 
+use std::collections::HashSet;
 use std::path::Path;
 
 use super::text::{PrintedBox, numbers, stays_inside};
@@ -46,10 +47,25 @@ fn components(lines: &mut Lines) -> Result<(Vec<String>, i64)> {
     for _ in 0..count {
         names.push(lines.expect("a component's name")?);
     }
+    tell_apart(&mut names);
     let dimension = lines.parse("the dimension", |text| {
         text.parse().ok().filter(|dimension| (1..=3).contains(dimension))
     })?;
     Ok((names, dimension))
+}
+
+/// Appends to names that components before have the number of the component, counted from 0.
+fn tell_apart(names: &mut [String]) {
+    let mut known: HashSet<_> = names.iter().cloned().collect();
+    let mut seen = HashSet::new();
+    for (n, name) in names.iter_mut().enumerate() {
+        if !seen.insert(name.clone()) {
+            name.push_str(&format!(".{n}"));
+            while !known.insert(name.clone()) {
+                name.push('+');
+            }
+        }
+    }
 }
 
 /// Whether the file at `path` begins as the `Header` of a plotfile does.
@@ -209,4 +225,16 @@ fn level_grids(lines: &mut Lines, level: usize) -> Result<LevelGrids> {
         return Err(lines.fault(&reason));
     }
     Ok(LevelGrids { count, data })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn components_of_one_name_are_told_apart() {
+        let mut names = ["rho", "T", "rho", "rho.2", "rho", "T"].map(str::to_owned);
+        tell_apart(&mut names);
+        assert_eq!(names, ["rho", "T", "rho.2+", "rho.2", "rho.4", "T.5"]);
+    }
 }

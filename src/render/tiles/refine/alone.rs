@@ -219,7 +219,12 @@ impl Sheet {
     /// Whether a square is to be quartered whatever its rays tell.
     fn is_too_whole(&self, found: &Found) -> bool {
         self.goal.is_some_and(|goal| {
-            let least = if self.may_glint(&goal, found) { goal.glint_halvings } else { 0 };
+            let least = if self.may_glint(&goal, found) {
+                let bound = self.first_bound(usize::from(found.square.pixel));
+                halvings_for_glints(bound / goal.tolerance).min(goal.glint_halvings)
+            } else {
+                0
+            };
             found.square.halvings < goal.least_halvings.max(least)
         })
     }
@@ -377,6 +382,12 @@ impl Sheet {
             next.quartered.extend(quarters.iter().zip(uneven).map(uneven_quarter));
         }
     }
+}
+
+/// How often a dark pixel is halved that may be bright by so many tolerances. What makes more than the
+/// tolerance of it covers no less than one part in so many: two rays meet it, or more.
+fn halvings_for_glints(tolerances: f64) -> u8 {
+    (2.0 * tolerances).log(f64::from(QUARTERS)).ceil() as u8
 }
 
 /// What the rays of a square's quarters may be off by on average.
