@@ -47,8 +47,7 @@ impl Step {
     }
 }
 
-/// What is so small a part of a piece's largest value is rounding: formulas are worked out in doubles, to
-/// some units in the last place of their terms, which are no larger than that.
+/// What is so small a part of a piece's largest value may be rounding of 0.
 const VANISHES: f64 = 1e-14;
 
 /// An interval of x in which extinction is linear and emission quadratic.
@@ -97,21 +96,20 @@ impl Piece {
     /// An upper bound of emission over extinction. Within a piece j is at most its largest value,
     /// and where κ and j vanish together their ratio is that of a quadratic and a linear function
     /// with a common root: bounded by the ratio of their steepest slopes. Where κ is constant but for
-    /// rounding, that says nothing; and what formulas leave of 0 by rounding is nothing.
-    pub(super) fn brightest(&self) -> f64 {
+    /// rounding, that says nothing; and where the function `vanishes`, what its formulas leave by
+    /// rounding is nothing.
+    pub(super) fn brightest(&self, vanishes: impl Fn(f64) -> bool) -> f64 {
         if self.is_transparent {
             return 0.0;
         }
         let (left, right) = (self.start.max(0.0), self.end.clamp(0.0, 1.0));
-        let most = |x: f64| self.emission(x).into_iter().fold(0.0, f64::max);
-        let [(k0, k1), (j0, j1)] =
-            [(self.extinction(left), self.extinction(right)), (most(left), most(right))];
-        let rounded =
-            |value: f64, largest: f64| if value <= VANISHES * largest { 0.0 } else { value };
-        let [(k0, k1), (j0, j1)] = [(k0, k1), (j0, j1)].map(|(a, b)| {
-            let largest = f64::max(a, b);
-            (rounded(a, largest), rounded(b, largest))
-        });
+        let at = |x: f64| (self.extinction(x), self.emission(x).into_iter().fold(0.0, f64::max));
+        let (a, b) = (at(left), at(right));
+        let largest = (f64::max(a.0, b.0), f64::max(a.1, b.1));
+        let is_rounding =
+            |(k, j): (f64, f64)| k <= VANISHES * largest.0 && j <= VANISHES * largest.1;
+        let or_nothing = |x: f64, at| if vanishes(x) && is_rounding(at) { (0.0, 0.0) } else { at };
+        let ((k0, j0), (k1, j1)) = (or_nothing(left, a), or_nothing(right, b));
         let ratio = |j: f64, k: f64| if j == 0.0 { 0.0 } else { j / k };
         let slopes = self.slope[0] / self.slope[1];
         // From an end at which κ is least: j ≤ j0 + s·d and κ = k0 + t·d, so j / κ is at most the

@@ -186,7 +186,9 @@ impl TransferPieces {
         sort(&mut all_cuts);
         let all = PieceList::new(&all_cuts, &sample);
         let merged = all.merged(&cuts, &sample, allowed);
-        let brightest = all.pieces.iter().map(Piece::brightest).fold(0.0, f64::max);
+        let vanishes = |x: f64| sample(x) == (0.0, [0.0; 3]);
+        let brightest = all.pieces.iter().map(|piece| piece.brightest(vanishes));
+        let brightest = brightest.fold(0.0, f64::max);
         Self { all, merged, largest_emission: transfer.largest_emission(), brightest }
     }
 
@@ -308,6 +310,9 @@ mod tests {
         assert_eq!(bound(&[(0.0, 0.0)], &ramp), f64::INFINITY);
         assert_eq!(bound(&ramp, &[(0.0, 1.0)]), f64::INFINITY);
         assert!((bound(&[(0.0, 2.0)], &ramp) - 2.5).abs() < 1e-12);
+        // Little beside what the rest is, and not nothing.
+        let bright = bound(&[(0.0, 1e10), (1.0, 1e30)], &[(0.0, 1e11), (1.0, 1e30)]);
+        assert!(bright >= 10.0, "{bright}");
         // Emission is as much as absorption, and no colour more than 1, whatever rounding makes of
         // a constant.
         let map = ColorTable::Map(ColorMap::named("viridis").unwrap());
