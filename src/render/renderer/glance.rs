@@ -13,8 +13,10 @@ use crate::render::transfer::pieces::TransferPieces;
 use crate::render::{EXACT, largest_value};
 use crate::scene::{Samples, Scene, Tolerance};
 
-/// A glance is at most this many pixels wide or high, or rays where it has fewer pixels.
+/// A glance is half as wide and high as the picture, and at most and at least so many pixels, or rays where
+/// the picture has fewer.
 const GLANCE_PIXELS: u32 = 64;
+const LEAST_GLANCE_PIXELS: u32 = 16;
 /// A glance that saw less than one part in so many of what rays meet was misled by means; and what these
 /// rays may be off by, as a part of it.
 const MISLED: f64 = 4.0;
@@ -92,9 +94,10 @@ impl Renderer<'_> {
     /// its pixels, and if these show nothing through all levels. What shines may do so at values that no
     /// mean has.
     pub(super) fn glance(&self) -> Result<f64> {
-        let (scene, _) = self.small(GLANCE_PIXELS);
+        let most = self.glance_pixels();
+        let (scene, _) = self.small(most);
         let view = View::new(&scene, &self.cache.header().domain)?;
-        let most = (GLANCE_PIXELS / scene.image.width.max(scene.image.height)).max(1);
+        let most = (most / scene.image.width.max(scene.image.height)).max(1);
         let rays = match self.scene.render.samples {
             Samples::Grid(rays) => rays.min(most),
             Samples::Area => most,
@@ -104,6 +107,13 @@ impl Renderer<'_> {
         let wide = FootprintCut::new(f64::from(rays).recip(), &scene, domain, *shape)?;
         let largest = self.glance_through(Cut::Footprint(wide.in_short()), &pixels)?;
         if largest > 0.0 { Ok(largest) } else { self.glance_through(Cut::FullDepth, &pixels) }
+    }
+
+    /// How many pixels a glance is wide or high.
+    fn glance_pixels(&self) -> u32 {
+        let image = &self.scene.image;
+        let half = image.width.max(image.height).div_ceil(2);
+        half.clamp(LEAST_GLANCE_PIXELS, GLANCE_PIXELS)
     }
 
     fn glance_through(&self, cut: Cut, pixels: &PixelGrid) -> Result<f64> {
@@ -116,7 +126,7 @@ impl Renderer<'_> {
 
     /// The largest value of a small picture of single rays that are roughly right.
     fn second_glance(&self, goal: &Goal) -> Result<f64> {
-        let (scene, _) = self.small(GLANCE_PIXELS);
+        let (scene, _) = self.small(self.glance_pixels());
         let view = View::new(&scene, &self.cache.header().domain)?;
         let pixels = PixelGrid::new(&view, Samples::Grid(1));
         let goal = Goal { tolerance: ROUGHLY * goal.behind, ..*goal };
