@@ -19,7 +19,9 @@ const ALONE_SHARE: f64 = 0.6;
 /// Where a pixel's mean will be off by more than the tolerance for want of rays, a tile's rays may be off by
 /// such a part of that themselves.
 const OF_OUT_OF_REACH: f64 = 0.5;
-/// Dark pixels may be bright by bounds of so many tolerances.
+/// Pixels are dark that have no more than the tolerance, nor than this part of the light that is expected;
+/// and may be bright by bounds of so many tolerances.
+const DARK: f64 = 1.0 / 32.0;
 const FAR: f64 = 4.0;
 /// Rays of a square that is quartered.
 const QUARTERS: u32 = 4;
@@ -233,7 +235,7 @@ impl Sheet {
     /// yet something may be there that does: the tip of what shines covers little of its pixel, and
     /// none of those beside it.
     fn may_glint(&self, goal: &Goal, found: &Found) -> bool {
-        let is_dark = found.value.iter().all(|&value| value <= goal.tolerance);
+        let is_dark = found.value.iter().all(|&value| value <= darkness(goal));
         is_dark && self.is_dark_by_chance(goal, usize::from(found.square.pixel))
     }
 
@@ -241,7 +243,7 @@ impl Sheet {
     pub(super) fn is_dark_by_chance(&self, goal: &Goal, pixel: usize) -> bool {
         goal.glint_halvings > 0
             && self.first_bound(pixel) > FAR * goal.tolerance
-            && self.is_first_dark(pixel, goal.tolerance)
+            && self.is_first_dark(pixel, darkness(goal))
     }
 
     /// What a pixel and those beside it have as their first variance on average.
@@ -384,10 +386,15 @@ impl Sheet {
     }
 }
 
+/// The most that is dark beside a goal.
+fn darkness(goal: &Goal) -> f64 {
+    goal.tolerance.min(DARK * goal.behind)
+}
+
 /// How often a dark pixel is halved that may be bright by so many tolerances. What makes more than the
-/// tolerance of it covers no less than one part in so many: two rays meet it, or more.
+/// tolerance of it covers no less than one part in so many: a ray meets it, or more, up to four.
 fn halvings_for_glints(tolerances: f64) -> u8 {
-    (2.0 * tolerances).log(f64::from(QUARTERS)).ceil() as u8
+    (2.0 * tolerances).log(f64::from(QUARTERS)).round() as u8
 }
 
 /// What the rays of a square's quarters may be off by on average.
