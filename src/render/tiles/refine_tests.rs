@@ -570,6 +570,12 @@ fn rays_of_pixels_out_of_reach_take_no_more_care() {
 }
 
 #[test]
+fn rays_that_are_off_themselves_do_not_stand_for_pixels_that_neighbours_foretell() {
+    let exact = |off: [f64; 3]| rays_by_care("\"area\"", likely(false), |_| 1.0, off)[2];
+    assert!(exact([5.0, 2.0, 0.0]) >= 63 && exact([0.5, 0.5, 0.0]) == 0);
+}
+
+#[test]
 fn squares_marched_again_and_others_quartered_do_not_mix_their_rays_up() {
     // Rays that the march lets be off by too much: of one pixel something may shine, another stands out.
     let goal = likely(false);

@@ -15,7 +15,7 @@ use crate::render::tiles::waiting::{FEW_PIXELS, Found, ToDo, Urgency};
 /// little else is and where much is, and that are room for what these are off by themselves.
 const MEAN_SHARE: f64 = 0.7;
 const LEAST_MEAN_SHARE: f64 = 0.1;
-const ALONE_SHARE: f64 = 0.6;
+pub(super) const ALONE_SHARE: f64 = 0.6;
 /// Where a pixel's mean will be off by more than the tolerance for want of rays, a tile's rays may be off by
 /// such a part of that themselves.
 const OF_OUT_OF_REACH: f64 = 0.5;

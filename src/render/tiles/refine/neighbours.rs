@@ -6,8 +6,10 @@
 //! one, a *witness*, is quartered whatever its neighbours say. Where its quarters have another mean
 //! than they foretold, those around it are believed by as much less.
 
+use super::alone::ALONE_SHARE;
 use super::rim::SIDES;
 use super::{Batch, Sheet};
+use crate::render::bounds::ray_error::ErrorShares;
 use crate::render::camera::pixel_order::BLOCK;
 use crate::render::camera::rays::TILE_SIDE;
 use crate::render::tiles::pixel::{SquareSides, Unevenness};
@@ -184,7 +186,8 @@ impl Sheet {
     /// it. Returns whether they do.
     pub(super) fn take_by_neighbours(&mut self, found: &Found) -> bool {
         let pixel = usize::from(found.square.pixel);
-        if found.square.halvings > 0 || self.is_witness(pixel) || self.is_unknown(pixel) {
+        let is_asked = found.square.halvings == 0 && !self.is_witness(pixel);
+        if !is_asked || self.is_unknown(pixel) || self.is_off_itself(found) {
             return false;
         }
         let Some(foretold) = self.foretell(pixel) else { return false };
@@ -195,6 +198,13 @@ impl Sheet {
         }
         self.pixels[pixel].take_as_foretold(found, &foretold, doubt);
         true
+    }
+
+    /// Whether a ray may be off by so much itself that it does not stand for others: rays of its quarters are
+    /// marched with more care, or through finer levels, should they be as well.
+    fn is_off_itself(&self, found: &Found) -> bool {
+        let ErrorShares { levels, digits, quadrature, .. } = found.shares();
+        self.goal.is_some_and(|goal| levels + digits + quadrature > ALONE_SHARE * goal.tolerance)
     }
 
     /// Whether a pixel's neighbours say little: far more light may be in it than is known of, or pixels are
