@@ -13,8 +13,8 @@ use crate::render::transfer::pieces::TransferPieces;
 use crate::render::{EXACT, largest_value};
 use crate::scene::{Samples, Scene, Tolerance};
 
-/// A glance is half as wide and high as the picture, and at most and at least so many pixels, or rays where
-/// the picture has fewer.
+/// A glance is at most this many pixels wide or high, or rays where it has fewer pixels; and at least so
+/// many where it is half as wide as a small picture.
 const GLANCE_PIXELS: u32 = 64;
 const LEAST_GLANCE_PIXELS: u32 = 16;
 /// A glance that saw less than one part in so many of what rays meet was misled by means; and what these
@@ -90,11 +90,24 @@ impl Renderer<'_> {
         }
     }
 
-    /// The largest value of a small picture, drawn without regard to its error: through cells as wide as
+    /// The largest value of a small picture, drawn without regard to its error: of fewer rays first where
+    /// the picture's own are few.
+    pub(super) fn glance(&self) -> Result<f64> {
+        let image = &self.scene.image;
+        let half = image.width.max(image.height).div_ceil(2).max(LEAST_GLANCE_PIXELS);
+        if half < GLANCE_PIXELS && self.scene.render.samples != Samples::Area {
+            let largest = self.glance_within(half)?;
+            if largest > 0.0 {
+                return Ok(largest);
+            }
+        }
+        self.glance_within(GLANCE_PIXELS)
+    }
+
+    /// The same of a picture of at most so many pixels, or rays, along an edge: through cells as wide as
     /// its pixels, and if these show nothing through all levels. What shines may do so at values that no
     /// mean has.
-    pub(super) fn glance(&self) -> Result<f64> {
-        let most = self.glance_pixels();
+    fn glance_within(&self, most: u32) -> Result<f64> {
         let (scene, _) = self.small(most);
         let view = View::new(&scene, &self.cache.header().domain)?;
         let most = (most / scene.image.width.max(scene.image.height)).max(1);
@@ -109,13 +122,6 @@ impl Renderer<'_> {
         if largest > 0.0 { Ok(largest) } else { self.glance_through(Cut::FullDepth, &pixels) }
     }
 
-    /// How many pixels a glance is wide or high.
-    fn glance_pixels(&self) -> u32 {
-        let image = &self.scene.image;
-        let half = image.width.max(image.height).div_ceil(2);
-        half.clamp(LEAST_GLANCE_PIXELS, GLANCE_PIXELS)
-    }
-
     fn glance_through(&self, cut: Cut, pixels: &PixelGrid) -> Result<f64> {
         let method = Method::Once { cut, accounts: false };
         let mut picture = self.picture(pixels, self.exact, method, None, None)?;
@@ -126,7 +132,7 @@ impl Renderer<'_> {
 
     /// The largest value of a small picture of single rays that are roughly right.
     fn second_glance(&self, goal: &Goal) -> Result<f64> {
-        let (scene, _) = self.small(self.glance_pixels());
+        let (scene, _) = self.small(GLANCE_PIXELS);
         let view = View::new(&scene, &self.cache.header().domain)?;
         let pixels = PixelGrid::new(&view, Samples::Grid(1));
         let goal = Goal { tolerance: ROUGHLY * goal.behind, ..*goal };
