@@ -431,6 +431,15 @@ fn tips_in_dark_pixels_are_seen() {
 }
 
 #[test]
+fn what_is_dark_goes_by_the_light_expected_too() {
+    // A tolerance of a fifth of it: much less than that is not dark yet.
+    let goal = Goal { glint_halvings: 3, tolerance: 0.2, ..likely(false) };
+    let rays = |light: f64| draw_light([9, 7], goal, |_| light, |_| 0.9, |_, _, _| {}).0;
+    let (dim, dark) = (rays(0.1), rays(0.01));
+    assert!(dim < 63 * 5 && dark >= 63 * 21, "{dim} {dark}");
+}
+
+#[test]
 fn a_pixel_that_cannot_be_finished_leaves_rays_to_others_in_a_crowd() {
     // Edges cross all pixels, and through the first there are so many that no rays would do.
     let light = |[x, y]: [f64; 2]| {
