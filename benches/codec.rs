@@ -23,6 +23,13 @@ fn main() {
     let mut joined = vec![0.0_f32; VALUES];
     report("split", &mut || split(black_box(&values), &mut bytes));
     split(&values, &mut bytes);
+    for join in [join, plain] {
+        joined.fill(0.0);
+        join(&bytes, &mut joined);
+        assert!(
+            values.iter().zip(&joined).all(|(value, joined)| value.to_bits() == joined.to_bits())
+        );
+    }
     report("join", &mut || join(black_box(&bytes), &mut joined));
     report("join, plain twin", &mut || plain(black_box(&bytes), &mut joined));
     report("copy", &mut || joined.copy_from_slice(black_box(&values)));
@@ -43,7 +50,10 @@ fn join(bytes: &[u8], values: &mut [f32]) {
 fn plain(bytes: &[u8], values: &mut [f32]) {
     for (n, value) in values.iter_mut().enumerate() {
         let byte = |plane: usize| black_box(bytes[plane * VALUES + n]);
-        *value = f32::from_le_bytes([byte(0), byte(1), byte(2), byte(3)]);
+        let bits = u32::from_le_bytes([byte(0), byte(1), byte(2), byte(3)]);
+        // The lower half, and the lowest byte, count as negative from their middles on.
+        let bits = bits.wrapping_sub((bits & 0x8000) << 1);
+        *value = f32::from_bits(bits.wrapping_sub((bits & 0x80) << 1));
     }
 }
 

@@ -67,6 +67,11 @@ impl AtomicFile {
         &self.file
     }
 
+    /// The folder in which the file will be: a link's target's, if the target is a link.
+    pub fn directory(&self) -> &Path {
+        folder_of(&self.target)
+    }
+
     /// Where the file will be.
     pub fn target(&self) -> &Path {
         &self.target
@@ -118,8 +123,13 @@ pub(crate) fn is_same_file(a: &Path, b: &Path) -> bool {
 
 /// Where a file that is not there would lie.
 fn place(path: &Path) -> Option<PathBuf> {
+    Some(folder_of(path).canonicalize().ok()?.join(path.file_name()?))
+}
+
+/// The folder in which a path lies.
+fn folder_of(path: &Path) -> &Path {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    Some(folder.unwrap_or(Path::new(".")).canonicalize().ok()?.join(path.file_name()?))
+    folder.unwrap_or(Path::new("."))
 }
 
 fn identity(found: &fs::Metadata) -> (u64, u64) {
@@ -211,8 +221,7 @@ pub(crate) fn is_at(file: &File, path: &Path) -> bool {
 }
 
 fn sync_directory(target: &Path) -> io::Result<()> {
-    let parent = target.parent().filter(|parent| !parent.as_os_str().is_empty());
-    match File::open(parent.unwrap_or(Path::new(".")))?.sync_all() {
+    match File::open(folder_of(target))?.sync_all() {
         // Some network file systems cannot do that for directories; there is nothing else to do.
         Err(error) if matches!(error.kind(), ErrorKind::Unsupported | ErrorKind::InvalidInput) => {
             Ok(())

@@ -1,7 +1,7 @@
 //! Rendering of adaptive-mesh-refinement (AMR) simulations of any depth, within a memory limit.
 //!
 //! Data flow one way and a module knows only those before it (`docs/ARCHITECTURE.md`):
-//! [`space`] → [`source`] → [`derive`](mod@derive) → [`ingest`] → [`cache`] → `paging` → [`scene`] →
+//! [`space`] → [`source`] → [`derive`](mod@derive) → [`cache`] → [`ingest`] → `paging` → [`scene`] →
 //! [`render`] → [`image`]. The binary's commands stand in [`cli`]; [`synth`] writes test data in the layouts
 //! of simulation codes.
 

@@ -141,7 +141,7 @@ impl Campaign {
         let picture = subject.picture(&trial.text, stored)?;
         tally.picture_time += start.elapsed();
         let start = Instant::now();
-        let accuracy = CONVERGED * picture.stats.tolerance;
+        let accuracy = CONVERGED * picture.stats.tolerance.unwrap_or(f64::NAN);
         // An odd number of a row's pixels more or less, so that all columns have their turn.
         let every = (self.size[0] * self.size[1] / COMPARED).max(1) | 1;
         let effort = Effort { accuracy, most_rays: self.most_rays, every };
@@ -184,7 +184,7 @@ fn subjects() -> Vec<Open> {
 
 impl Outcome {
     fn new(picture: &Rendered, reference: &Reference, trial: &Trial, is_lossy: bool) -> Self {
-        let tolerance = picture.stats.tolerance;
+        let tolerance = picture.stats.tolerance.unwrap_or(f64::NAN);
         let largest_value = f64::from(picture.film.largest_value());
         // Without a certificate nothing is allowed: no number passes.
         let bound = picture.stats.error_bound.unwrap_or(f64::NAN);

@@ -165,6 +165,34 @@ fn attack(rounds: u64) {
     assert!(first.is_empty(), "{} faults, as\n{}", tally.faults.len(), first.join("\n"));
 }
 
+/// Children are numbered one behind the other: of a record that cannot be read nobody knows how many
+/// it has, which is no fault of those that follow.
+#[test]
+fn an_unreadable_record_is_reported_where_it_is() {
+    let _alone = ALONE.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let folder = tempfile::tempdir().unwrap();
+    let options = Options { brick: Some(8), threads: Some(2), ..Options::default() };
+    let Stock { sound: Sound { bytes, anatomy }, .. } =
+        Stock::new("unreadable", "small", &options, folder.path());
+    let number = |node: usize, name: &str| {
+        let numbers = anatomy.node_numbers(node);
+        numbers.iter().find(|number| number.name == name).unwrap().at
+    };
+    let is_parent = |&node: &usize| bytes[number(node, "child mask")] != 0;
+    let first = (1..anatomy.nodes - 1).find(|node| is_parent(node) && is_parent(&(node + 1)));
+    let mut forged = bytes.clone();
+    forged[number(first.unwrap(), "octant")] = 8;
+    anatomy.seal(&mut forged);
+    let path = folder.path().join("forged.dfc");
+    std::fs::write(&path, forged).unwrap();
+    let cache = deepfield::cache::Cache::open(&path, 16).unwrap();
+    let report = deepfield::cache::verify(&cache, &mut |_, _| {}).unwrap();
+    let reasons: Vec<_> = report.listed.iter().map(|damage| damage.reason.as_str()).collect();
+    assert!(!reasons.is_empty());
+    let others = reasons.iter().filter(|reason| reason.contains("out of order"));
+    assert_eq!(others.count(), 0, "{reasons:?}");
+}
+
 #[test]
 fn damaged_caches_are_refused() {
     attack(300);

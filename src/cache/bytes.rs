@@ -38,15 +38,11 @@ impl ByteWriter {
         self.bytes.extend_from_slice(&value.to_le_bytes());
     }
 
-    /// Appends a string: its length in bytes as a `u32`, then its UTF-8. One longer than 65,535
-    /// bytes is cut between characters.
+    /// Appends a string: its length in bytes as a `u32`, then its UTF-8. None is as long as a `u32` does
+    /// not hold: headers are far shorter (`MAX_HEADER_BYTES`).
     pub(crate) fn text(&mut self, value: &str) {
-        let mut end = value.len().min(usize::from(u16::MAX));
-        while !value.is_char_boundary(end) {
-            end -= 1;
-        }
-        self.u32(u32::try_from(end).unwrap_or(0));
-        self.bytes.extend_from_slice(&value.as_bytes()[..end]);
+        self.u32(u32::try_from(value.len()).unwrap_or(u32::MAX));
+        self.bytes.extend_from_slice(value.as_bytes());
     }
 
     /// Appends a number that may be absent, as an `f64`: NaN stands for none.

@@ -16,7 +16,7 @@ use super::window::Window;
 use crate::{Error, Result};
 
 /// Bytes of an index page, the unit of its checksums.
-pub(super) const PAGE_BYTES: usize = 64 << 10;
+pub(crate) const PAGE_BYTES: usize = 64 << 10;
 /// Pages that are mapped together.
 const PAGES_PER_WINDOW: u64 = 4;
 /// Bytes of an index window: what one costs a memory limit.

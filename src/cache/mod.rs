@@ -21,6 +21,7 @@ mod writer;
 pub use brick::{Block, BrickPlace, BrickShape, RawBrick, state, visit_outside};
 pub use codec::{Decoder, Encoder, PARTS, Payload, Precision};
 pub use header::{CachedField, Header, MAX_FIELDS, TreeLevel};
+pub(crate) use index::PAGE_BYTES;
 pub use index::{Cursor, WINDOW_BYTES};
 pub use reader::Cache;
 pub(crate) use record::EMPTY_RANGE;

@@ -225,7 +225,8 @@ impl FieldRecord {
         };
         let tail = bytes.u8()? == 0 && bytes.u8()? == 0 && record.flags < 16;
         let enclosed = record.tree[0] <= record.own[0] && record.own[1] <= record.tree[1];
-        let ordered = record.own[0] <= record.own[1] || record.own == EMPTY_RANGE;
+        let is_ordered = |range: [f32; 2]| range[0] <= range[1] || range == EMPTY_RANGE;
+        let ordered = is_ordered(record.own) && is_ordered(record.tree);
         let residuals = record.residual_linear >= 0.0 && record.residual_log10 >= 0.0;
         let void = !record.is_void() || record.is_of_nothing();
         (tail && enclosed && ordered && residuals && void && record.has_sound_parts())

@@ -7,7 +7,7 @@ use xxhash_rust::xxh3::xxh3_64;
 use super::brick::RawBrick;
 use super::codec::{Decoder, Precision};
 use super::header::TreeLevel;
-use super::index::Cursor;
+use super::index::{Cursor, PAGE_BYTES};
 use super::reader::Cache;
 use super::record::{BrickEntry, NodeRecord};
 use crate::{Error, Result};
@@ -64,7 +64,7 @@ pub fn verify(cache: &Cache, progress: &mut dyn FnMut(u64, u64)) -> Result<Repor
         decoder: Decoder::new()
             .map_err(|source| Error::io(cache.path(), "cannot set up the codec", source))?,
         brick: RawBrick::default(),
-        children_end: 0,
+        children_end: None,
         cells: 0,
         leaf_cells: 0,
         extents: Extents::default(),
@@ -82,7 +82,7 @@ struct Check<'c> {
     decoder: Decoder,
     brick: RawBrick,
     /// One past the last child seen: children follow each other without gaps.
-    children_end: u64,
+    children_end: Option<u64>,
     /// Cells and leaf cells of the level's bricks so far.
     cells: u64,
     leaf_cells: u64,
@@ -114,7 +114,7 @@ impl Check<'_> {
         let header = self.cache.header();
         let level = header.levels[depth];
         let next = header.levels.get(depth + 1);
-        self.children_end = next.map_or(0, |next| next.first_node);
+        self.children_end = Some(next.map_or(0, |next| next.first_node));
         (self.cells, self.leaf_cells) = (0, 0);
         for node in level.first_node..level.first_node + level.nodes {
             self.node(node, &level, report);
@@ -123,7 +123,7 @@ impl Check<'_> {
         if report.damaged > 0 {
             return;
         }
-        if self.children_end != next.map_or(0, |next| next.first_node + next.nodes) {
+        if self.children_end != Some(next.map_or(0, |next| next.first_node + next.nodes)) {
             report.add(Some(level.octree), None, "bricks of the next level have no parent".into());
         }
         if (self.cells, self.leaf_cells) != (level.cells, level.leaf_cells) {
@@ -135,13 +135,20 @@ impl Check<'_> {
     fn node(&mut self, node: u64, level: &TreeLevel, report: &mut Report) {
         let record = match self.cursor.node(node) {
             Ok(record) => record,
-            Err(error) => return report.add(Some(level.octree), None, error.to_string()),
+            Err(error) => {
+                self.children_end = None;
+                return report.add(Some(level.octree), None, error.to_string());
+            }
         };
         let mut wrong = |what| {
             report.add(Some(level.octree), None, format!("brick {node}'s {what}"));
         };
-        if record.child_mask != 0 && record.first_child != self.children_end {
-            wrong("children are out of order");
+        if record.child_mask != 0 {
+            if self.children_end.is_some_and(|end| end != record.first_child) {
+                wrong("children are out of order");
+            }
+            let children = u64::from(record.child_mask.count_ones());
+            self.children_end = Some(record.first_child.saturating_add(children));
         }
         if node == 0 && (record.parent, record.octant) != (0, 0) {
             wrong("parent cannot be: it is the root");
@@ -149,7 +156,6 @@ impl Check<'_> {
         if record.existing_cells.checked_sub(record.refined_cells) != Some(record.leaf_cells) {
             wrong("counts of cells contradict each other");
         }
-        self.children_end += u64::from(record.child_mask.count_ones());
         self.cells += u64::from(record.existing_cells);
         self.leaf_cells += u64::from(record.leaf_cells);
         for field in 0..self.cache.header().fields.len() {
@@ -211,7 +217,7 @@ impl Check<'_> {
         let header = self.cache.header();
         let begin = self.cache.header_bytes();
         let end = begin + report.bytes;
-        let gap = header.index_offset.checked_sub(end).filter(|&gap| gap < 64 << 10);
+        let gap = header.index_offset.checked_sub(end).filter(|&gap| gap < PAGE_BYTES as u64);
         let Some(gap) = gap else {
             if report.damaged == 0 {
                 report.add(None, None, "bytes between the payloads belong to no brick".into());

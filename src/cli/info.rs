@@ -25,6 +25,9 @@ pub(super) struct Arguments {
     /// Of a simulation output, read only what describes it: no extrema, sums and leaf cells
     #[arg(long)]
     headers: bool,
+    /// Memory that reading a simulation output may take, as in `256MiB`
+    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse)]
+    memory: u64,
 }
 
 /// Windows of a cache's index that are mapped: none is read.
@@ -43,7 +46,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         if arguments.headers {
             super::headers::facts(source.as_ref(), &arguments.input)?
         } else {
-            let header = survey(source.as_ref())?;
+            let header = survey(source.as_ref(), arguments.memory)?;
             facts(&header, &arguments.input, &json!("simulation output"))
         }
     };
@@ -58,9 +61,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// Reads all fields of a source: extrema and sums over leaf cells are not in its headers.
-fn survey(source: &dyn Source) -> Result<Header> {
+fn survey(source: &dyn Source, memory: u64) -> Result<Header> {
     let fields = source.hierarchy().fields.iter().map(|field| field.name.clone());
-    let options = Options { fields: fields.collect(), ..Options::default() };
+    let options = Options { fields: fields.collect(), memory, ..Options::default() };
     let bar = Bar::new("reading", "bricks");
     let mut listener = |stage, done, total| bar.show(ingest::label(stage), done, total);
     let mut progress = Progress::new(&mut listener);

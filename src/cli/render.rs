@@ -104,7 +104,7 @@ fn parse_fixed(text: &str) -> Result<FixedSetting, String> {
 }
 
 /// What options say in place of the scene's `[render]` table, line by line as it would stand there, were
-/// `fixed` one of its keys.
+/// `fixed` and `resident` keys of it.
 fn overrides(arguments: &Arguments) -> String {
     let samples = arguments.samples.map(|samples| match samples {
         Samples::Grid(rays) => format!("samples = {rays}\n"),
@@ -118,7 +118,8 @@ fn overrides(arguments: &Arguments) -> String {
         let FixedSetting { pixels_per_cell, rays_per_axis, relative_accuracy } = fixed;
         format!("fixed = \"{pixels_per_cell:?},{rays_per_axis},{relative_accuracy:?}\"\n")
     });
-    [samples, tolerance, fixed].into_iter().flatten().collect()
+    let resident = arguments.resident.then(|| "resident = true\n".to_owned());
+    [samples, tolerance, fixed, resident].into_iter().flatten().collect()
 }
 
 fn write_picture(

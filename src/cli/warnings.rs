@@ -9,7 +9,7 @@ use crate::scene::Scene;
 /// Says so where the tolerance is not kept.
 pub(super) fn of_bound(Rendered { stats, film, .. }: &Rendered) {
     let largest = f64::from(film.largest_value());
-    let tolerance = if stats.tolerance > 0.0 { stats.tolerance } else { EXACT * largest };
+    let tolerance = stats.tolerance.filter(|tolerance| *tolerance > 0.0).unwrap_or(EXACT * largest);
     if let Some(bound) = stats.error_bound
         && bound > tolerance
     {

@@ -95,10 +95,6 @@ pub fn ingest(
     options: &Options,
     progress: &mut Progress<'_>,
 ) -> Result<Header> {
-    let directory = match target.parent() {
-        Some(parent) if parent != Path::new("") => parent,
-        _ => Path::new("."),
-    };
     refuse_source_files(source, target)?;
     if options.fields.len() > MAX_FIELDS {
         return Err(Error::request(format!(
@@ -108,8 +104,9 @@ pub fn ingest(
     }
     in_pool(options.threads, || {
         let file = AtomicFile::create(target)?;
+        let directory = file.directory().to_path_buf();
         let Survey { built, header, shares } =
-            survey_in(source, directory, options, true, progress)?;
+            survey_in(source, &directory, options, true, progress)?;
         progress.begin(Stage::Write, header.nodes());
         let completion = Completion {
             store: &built.store,
@@ -118,7 +115,7 @@ pub fn ingest(
             scratch: Spare::default(),
             header,
             target,
-            directory,
+            directory: &directory,
         };
         within(shares.threads, || completion.run(file, progress))
     })
@@ -179,6 +176,7 @@ fn survey_in(
     let fields = choose_fields(source, &options.fields)?;
     let plan = Plan::new(options.memory)?;
     check_levels(source, options.max_level)?;
+    let rules = rules(options, &hierarchy.domain)?;
     progress.begin(Stage::Hierarchy, 0);
     let layout = overlaps::lay_out(source, fields[0], options.max_level, directory, plan.sort())?;
     let (shape, shares) = choose_shape(&layout, options.brick, &plan, fields.len())?;
@@ -187,7 +185,7 @@ fn survey_in(
         shape,
         root_cells: hierarchy.domain.root_cells(),
         fields: fields.len(),
-        rules: rules(options, &hierarchy.domain)?,
+        rules,
         place: source.path().display().to_string(),
         keeps_cells: keep_cells,
     };

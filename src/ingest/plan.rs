@@ -86,7 +86,7 @@ impl Plan {
         if least > memory {
             return Err(Error::request(format!(
                 "--memory is too small for {fields} fields in bricks of {}³: the smallest limit that \
-                 works is {}MiB; fewer --field or a smaller --brick take less",
+                 works is {}MiB; fewer fields or smaller bricks take less",
                 shape.edge(),
                 least.div_ceil(1 << 20)
             )));

@@ -19,7 +19,8 @@ pub(super) trait Record: Copy + Ord + Send {
     fn get(bytes: &[u8]) -> Self;
 }
 
-/// Smallest read buffer of one sorted run while merging.
+/// Smallest read buffer of one sorted run while merging. Runs are as large as a sorter's memory, so that
+/// their buffers exceed it from memory² / 4 KiB bytes of records on: 16 GiB of them for 8 MiB.
 const MIN_RUN_BUFFER: usize = 4 << 10;
 
 /// Takes records in any order and gives them back sorted, in bounded memory.

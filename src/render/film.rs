@@ -94,9 +94,16 @@ impl Film {
         Ok(())
     }
 
-    /// The largest value of any channel of any pixel; NaN is passed over, 0 is the least.
+    /// The largest value of any channel of any pixel; 0 is the least, NaN more than any.
     pub fn largest_value(&self) -> f32 {
-        self.pixels.iter().flatten().copied().fold(0.0, f32::max)
+        let (mut most, mut are_numbers) = ([0.0_f32; 4], true);
+        for pixel in &self.pixels {
+            for (most, value) in most.iter_mut().zip(pixel) {
+                *most = if value > most { *value } else { *most };
+                are_numbers &= !value.is_nan();
+            }
+        }
+        if are_numbers { most.into_iter().fold(0.0, f32::max) } else { f32::NAN }
     }
 }
 
@@ -147,9 +154,11 @@ mod tests {
     }
 
     #[test]
-    fn the_largest_value_passes_over_nan() {
+    fn no_number_is_more_than_any() {
         let mut film = Film::new(2, 1).unwrap();
-        film.write_rectangle(0, 0, 2, &[[f32::NAN, -3.0, 0.5, 0.25], [0.1; 4]]).unwrap();
+        film.write_rectangle(0, 0, 2, &[[-3.0, 0.5, 0.25, 0.0], [0.1; 4]]).unwrap();
         assert_eq!(film.largest_value(), 0.5);
+        film.write_rectangle(0, 0, 1, &[[0.0, f32::NAN, f32::INFINITY, 0.25]]).unwrap();
+        assert!(film.largest_value().is_nan());
     }
 }

@@ -2,7 +2,7 @@
 
 use std::num::NonZero;
 
-use crate::cache::{BrickShape, Cache, Cursor, WINDOW_BYTES};
+use crate::cache::{BrickShape, Cache, Cursor, PAGE_BYTES, WINDOW_BYTES};
 use crate::paging::{Budget, Counters, FORMS, MEBIBYTE, Pool, Reservation};
 use crate::render::RenderOptions;
 use crate::render::brick::load::{BrickLoader, BrickScratch};
@@ -103,7 +103,7 @@ impl MemoryPlan {
     ) -> Result<Self> {
         let header = cache.header();
         let blocks = usize::from(header.max_parent_blocks) + 1;
-        let index_bytes = header.index_pages.saturating_mul(64 << 10);
+        let index_bytes = header.index_pages.saturating_mul(PAGE_BYTES as u64);
         let demand = |threads: usize| Demand {
             width: pixels.view().width(),
             height: pixels.view().height(),

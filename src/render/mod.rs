@@ -143,7 +143,8 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     stats.set_bricks(header.nodes(), &outcome.census, &counters);
     stats.set_levels(header, &counters, &samples);
     stats.rays = outcome.rays;
-    stats.tolerance = absolute(scene.render.tolerance, &outcome.film);
+    let by_tolerance = options.fixed.is_none();
+    stats.tolerance = by_tolerance.then(|| absolute(scene.render.tolerance, &outcome.film));
     stats.error_bound = outcome.error.map(|error| error.shares.total());
     stats.error_shares = outcome.error.map(|error| error.shares);
     stats.error_estimate = outcome.error.map(|error| error.estimate);

@@ -28,6 +28,8 @@ pub struct LevelStats {
 /// `bricks_in_view` = `bricks_loaded` + `bricks_covered` + `bricks_skipped_resolution`
 /// + `bricks_skipped_transparent` + `bricks_skipped_occluded`.
 ///
+/// With all bricks loaded beforehand (`resident`) `bricks_loaded` counts all of the field's instead.
+///
 /// A subtree is out of view, or transparent, as a whole; single bricks beside the picture that
 /// lie beneath transparent ones or beneath the cut count as in view.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -83,8 +85,8 @@ pub struct Stats {
     /// The deepest level with loaded bricks; null if there is none.
     pub deepest_level_used: Option<i64>,
     /// The largest error of any channel that was asked for, in the picture's own unit: a
-    /// relative one times the picture's largest channel value.
-    pub tolerance: f64,
+    /// relative one times the picture's largest channel value. Null for settings by hand.
+    pub tolerance: Option<f64>,
     /// Rays marched.
     pub rays: u64,
     /// The certified bound of the largest error of any channel of any pixel, in the picture's own

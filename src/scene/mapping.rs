@@ -167,13 +167,14 @@ impl Mapping {
                  logarithm; give the volume a `range`"
             )));
         }
-        if range.is_some() && lowest >= highest {
+        let mapping = Self { scale, factor, floor, low: lowest, high: highest };
+        if range.is_some() && mapping.width() <= 0.0 {
             return Err(Error::request(format!(
                 "the ends of `range`, {low:e} and {high:e}, are alike under this scale: give the volume \
                  a wider one"
             )));
         }
-        Ok(Self { scale, factor, floor, low: lowest, high: highest })
+        Ok(mapping)
     }
 
     /// x of field value `f` in code units: below 0 and above 1 where `f` lies outside the range.
@@ -199,7 +200,13 @@ impl Mapping {
     /// Whether everything maps to 0.
     fn is_flat(&self) -> bool {
         let ends = self.floor.is_nan() || self.high.is_nan() || self.low.is_nan();
-        ends || self.high <= self.low
+        ends || self.width() <= 0.0
+    }
+
+    /// Half of the range: the difference of two finite numbers need not be finite, nor half of the least
+    /// one be more than 0.
+    fn width(&self) -> f64 {
+        0.5 * self.high - 0.5 * self.low
     }
 
     #[inline(always)]
@@ -212,8 +219,7 @@ impl Mapping {
     #[inline(always)]
     fn place(&self, f: f64, scale: impl Fn(f64) -> f64) -> f64 {
         let scaled = scale((f * self.factor).max(self.floor));
-        // Halves: the difference of two finite numbers need not be finite.
-        let x = (0.5 * scaled - 0.5 * self.low) / (0.5 * self.high - 0.5 * self.low);
+        let x = (0.5 * scaled - 0.5 * self.low) / self.width();
         if f.is_nan() { 0.0 } else { x.clamp(-LARGEST_UNCLAMPED, LARGEST_UNCLAMPED) }
     }
 
@@ -280,12 +286,7 @@ impl Mapping {
 
     /// A difference in the scale, in x.
     fn of_scale(&self, difference: f64) -> f64 {
-        let is_constant = self.floor.is_nan()
-            || self.high.partial_cmp(&self.low).is_none_or(std::cmp::Ordering::is_le);
-        if is_constant || difference == 0.0 {
-            return 0.0;
-        }
-        0.5 * difference / (0.5 * self.high - 0.5 * self.low)
+        if self.is_flat() || difference == 0.0 { 0.0 } else { 0.5 * difference / self.width() }
     }
 
     /// x of field value `f` in code units, in [0, 1].

@@ -121,7 +121,7 @@ fn row(subject: &Subject, cache: &Subject, place: usize, scene: &Path) -> Option
         column("render_seconds", cost.render_seconds),
         column("seconds", cost.wall_seconds),
         optional("peak_rss_bytes", cost.peak_rss_bytes),
-        column("tolerance_absolute", number(cost.tolerance)),
+        optional("tolerance_absolute", cost.tolerance.map(number)),
         optional("error_bound", cost.error_bound.map(number)),
         column("difference", number(measured.difference)),
         optional("difference_relative", relative),

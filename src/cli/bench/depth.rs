@@ -62,7 +62,7 @@ fn row(path: &Path, cost: &Cost, first: f64) -> Result<Columns> {
         column("cache", path.display()),
         optional("deepest_level", deepest),
         column("bricks_total", header.nodes()),
-        column("tolerance_absolute", number(cost.tolerance)),
+        optional("tolerance_absolute", cost.tolerance.map(number)),
         optional("error_bound", cost.error_bound.map(number)),
         column("seconds", cost.wall_seconds),
         column("seconds_over_first", cost.wall_seconds / first),

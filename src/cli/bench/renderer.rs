@@ -49,7 +49,7 @@ pub(super) struct Cost {
     /// Threads that march.
     pub(super) threads: usize,
     /// Tolerance as used, absolute.
-    pub(super) tolerance: f64,
+    pub(super) tolerance: Option<f64>,
     /// The certified bound, absolute.
     pub(super) error_bound: Option<f64>,
     /// The error in all likelihood, absolute.

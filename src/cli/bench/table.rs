@@ -82,7 +82,7 @@ fn sweep_row(row: &Row, rows: &[Row], reference: &Reference, rivals: Option<&[Ri
     let looseness = cost.error_bound.filter(|_| *error > 0.0).map(|bound| number(bound / error));
     let mut columns = vec![
         column("tolerance", row.tolerance),
-        column("tolerance_absolute", number(cost.tolerance)),
+        optional("tolerance_absolute", cost.tolerance.map(number)),
         optional("error_bound", cost.error_bound.map(number)),
         optional("error_bound_relative", cost.error_bound.and_then(relative)),
         optional("error_estimate", cost.error_estimate.map(number)),

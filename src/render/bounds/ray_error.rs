@@ -101,7 +101,7 @@ impl Sums {
 }
 
 /// The larger; infinity where either is no number, as differences and products of what overflows are.
-fn larger(a: f64, b: f64) -> f64 {
+pub(crate) fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::INFINITY } else { a.max(b) }
 }
 

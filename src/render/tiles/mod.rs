@@ -3,4 +3,5 @@
 mod pixel;
 pub(super) mod refine;
 pub(super) mod tile;
+mod unevenness;
 mod waiting;

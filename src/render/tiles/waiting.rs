@@ -2,7 +2,7 @@
 
 use std::cmp::Reverse;
 
-use super::pixel::Unevenness;
+use super::unevenness::Unevenness;
 use crate::render::bounds::grade::Care;
 use crate::render::bounds::ray_error::{ErrorShares, RayShares};
 use crate::render::camera::rays::{BATCH_RAYS, Square};

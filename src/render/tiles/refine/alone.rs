@@ -8,7 +8,8 @@ use crate::render::bounds::grade::Care;
 use crate::render::bounds::ray_error::ErrorShares;
 use crate::render::camera::rays::PixelGrid;
 use crate::render::plan::goal::Goal;
-use crate::render::tiles::pixel::{Pixel, Unevenness};
+use crate::render::tiles::pixel::Pixel;
+use crate::render::tiles::unevenness::Unevenness;
 use crate::render::tiles::waiting::{FEW_PIXELS, Found, ToDo, Urgency};
 
 /// The parts of a tolerance that a mean of rays that stand for themselves may be off by, where

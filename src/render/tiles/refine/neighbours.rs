@@ -12,7 +12,7 @@ use super::{Batch, Sheet};
 use crate::render::bounds::ray_error::ErrorShares;
 use crate::render::camera::pixel_order::BLOCK;
 use crate::render::camera::rays::TILE_SIDE;
-use crate::render::tiles::pixel::{SquareSides, Unevenness};
+use crate::render::tiles::unevenness::{SquareSides, Unevenness};
 use crate::render::tiles::waiting::Found;
 
 /// A pixel stands out whose bound is so many times the median of those around it: something may be
