@@ -36,12 +36,11 @@ fn point_of(tree: &Tree<'_>, node: &Node, random: &mut Random) -> Option<Positio
 }
 
 fn check_bounds(tree: &Tree<'_>, node: &Node, random: &mut Random, seen: &mut Tightness) {
-    let exponent = f64::from(tree.cache.header().fields[0].exponent).exp2();
     for _ in 0..24 {
         let Some(point) = point_of(tree, node, random) else { continue };
         // Mapping to f32 and ghosts in f32 round each value by 2⁻²⁴ of itself.
         for (scale, residual, rounding) in [
-            (Scale::Linear, f64::from(node.field.residual_linear) / exponent, 1e-6),
+            (Scale::Linear, f64::from(node.field.residual_linear), 1e-6),
             (Scale::Log10, f64::from(node.field.residual_log10), 1e-6),
         ] {
             let own = tree.own(node, &point, DrawnNeighbours::ALL, scale);

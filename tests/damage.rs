@@ -178,8 +178,10 @@ fn an_unreadable_record_is_reported_where_it_is() {
         let numbers = anatomy.node_numbers(node);
         numbers.iter().find(|number| number.name == name).unwrap().at
     };
-    let is_parent = |&node: &usize| bytes[number(node, "child mask")] != 0;
-    let first = (1..anatomy.nodes - 1).find(|node| is_parent(node) && is_parent(&(node + 1)));
+    let is_parent = |node: usize| bytes[number(node, "child mask")] != 0;
+    let parent = |node: usize| &bytes[number(node, "parent")..][..8];
+    let first = (1..anatomy.nodes - 1)
+        .find(|&n| is_parent(n) && is_parent(n + 1) && parent(n) == parent(n + 1));
     let mut forged = bytes.clone();
     forged[number(first.unwrap(), "octant")] = 8;
     anatomy.seal(&mut forged);

@@ -67,11 +67,17 @@ impl Set {
 
     /// Draws what is kept within 10 % and exactly, and compares both. Returns whether the first drew
     /// coarser levels.
-    fn hold_to_bound(&self, cache: &Path, interpolation: &str, position: &str) -> usize {
+    fn hold_to_bound(
+        &self,
+        cache: &Path,
+        interpolation: &str,
+        position: &str,
+        volume: &str,
+    ) -> usize {
         let scene = format!(
             "[image]\nwidth = 16\nheight = 12\n[camera]\nposition = {position}\nfov = 30.0\n\
              look_at = [0.5, 0.62, 0.37]\n[render]\ninterpolation = \"{interpolation}\"\n\
-             samples = 1\n[[volume]]\nfield = \"density\"\nrange = [0.3, 500.0]\n\
+             samples = 1\n[[volume]]\n{volume}\
              color = [[0.0, 1.0, 1.0, 1.0]]\nabsorption = [[0.0, 1.0]]\n"
         );
         let scene = written(self.folder.path(), "scene.toml", &scene);
@@ -316,13 +322,14 @@ const SELECTIONS: [&[&str]; 4] = [
 #[test]
 fn pictures_of_what_remains_keep_their_bound() {
     let (mut coarser, mut pictures) = (0, 0);
+    let volume = "field = \"density\"\nrange = [0.3, 500.0]\n";
     for (name, brick) in [("small", "--brick=8"), ("jumps", "--brick=8"), ("small", "--brick=16")] {
         let set = Set::new(name);
         for selection in SELECTIONS {
             let cache = set.ingest("kept", &[selection, &[brick]].concat());
             for interpolation in ["cell", "linear"] {
                 for position in ["[2.1, 1.9, -2.6]", "[0.4, 0.5, -0.3]", "[7.0, -9.0, 6.0]"] {
-                    coarser += set.hold_to_bound(&cache, interpolation, position);
+                    coarser += set.hold_to_bound(&cache, interpolation, position, volume);
                     pictures += 1;
                 }
             }
@@ -366,6 +373,9 @@ fn values_beyond_f32_keep_their_scale() {
     close(number(&facts, "sum_as_stored"), number(&facts, "sum"), 1e-6);
     assert!(number(&facts, "max") > 1e45);
     assert!(set.pixels(&cache, "").iter().any(|pixel| pixel[3] > 0.0));
+    // As far as its residuals say, a coarser level does.
+    let volume = "field = \"density\"\nscale = \"linear\"\nrange = [1e45, 1.6e45]\n";
+    assert_eq!(set.hold_to_bound(&cache, "linear", "[1.9, 2.5, -3.6]", volume), 1);
 }
 
 #[test]

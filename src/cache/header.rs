@@ -9,7 +9,7 @@ use crate::space::{Domain, MAX_OCTREE_LEVEL};
 /// First bytes of every cache: the high bit and the line ends show transfers in text mode.
 pub(super) const MAGIC: [u8; 8] = *b"\x89DFC\r\n\x1a\n";
 /// Version of the layout.
-pub(super) const VERSION: u32 = 6;
+pub(super) const VERSION: u32 = 7;
 /// Bytes before the header's variable part: magic, version, length of the whole header, checksum.
 pub(super) const PREFIX_BYTES: usize = 24;
 /// Longest header.

@@ -88,8 +88,7 @@ pub struct FieldRecord {
     /// [min, max] that encloses what the interpolant takes in the box at any level from this
     /// one down. NaN cells are not in it.
     pub tree: [f32; 2],
-    /// Bound of |own interpolant − finest interpolant| in the box, in units of the field's value (the
-    /// exponent applied).
+    /// Bound of |own interpolant − finest interpolant| in the box, of values as stored.
     pub residual_linear: f32,
     /// Bound of |own interpolant − finest interpolant| in the box where log10 of the field's value
     /// is interpolated (floored at the smallest positive leaf value, as scenes floor it).

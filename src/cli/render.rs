@@ -28,7 +28,7 @@ pub(super) struct Arguments {
     /// Memory limit of the whole process
     #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse)]
     memory: u64,
-    /// Threads (default: all cores, or as many as `--memory` has room for)
+    /// Threads (default: all cores, or as many as leave half of `--memory` to bricks)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
     /// Largest error: a number, or `p%` of the picture's largest value (default: the scene's)

@@ -159,16 +159,17 @@ impl Completion<'_> {
         })
     }
 
-    /// Bounds of the difference to the parent's interpolant: of values, and of their log10.
+    /// Bounds of the difference to the parent's interpolant: of values as stored, and of log10 of the
+    /// field's.
     fn to_parent(&self, field: usize, has_nan: bool, scratch: &mut Scratch) -> [f64; 2] {
         let field = &self.header.fields[field];
         let Scratch { raw, residual, .. } = scratch;
         if !residual.look_at(self.header.shape, raw, has_nan) {
             return [0.0; 2];
         }
-        let factor = f64::from(field.exponent).exp2();
-        let linear = residual.bound(Scale::Linear { factor });
+        let linear = residual.bound(Scale::Linear);
         let Some(floor) = field.smallest_positive else { return [linear, f64::INFINITY] };
+        let factor = f64::from(field.exponent).exp2();
         let log10 = residual.bound(Scale::Log10 { factor, floor });
         [linear, log10]
     }

@@ -136,7 +136,7 @@ mod tests {
         let mut residual = Residual::default();
         let shape = BrickShape::new(EDGE as u32).unwrap();
         assert!(residual.look_at(shape, &raw, false));
-        let bound = residual.bound(Scale::Linear { factor: 1.0 });
+        let bound = residual.bound(Scale::Linear);
         let mut most = 0.0_f64;
         for at in 0..(2 * EDGE + 1).pow(3) {
             let along = |n: usize| (at / n % (2 * EDGE + 1)) as f64 * 0.5;

@@ -411,6 +411,12 @@ mod tests {
         assert_eq!(narrow.unclamped(f64::MAX), LARGEST_UNCLAMPED);
         assert_eq!(narrow.unclamped(f64::NEG_INFINITY), -LARGEST_UNCLAMPED);
         assert_eq!(narrow.unclamped(f64::NAN), 0.0);
+        // Half of the smallest number is none.
+        let extrema =
+            FieldExtrema { minimum: 0.0, maximum: 5e-324, smallest_positive: Some(5e-324) };
+        let flat = Mapping::new(Scale::Linear, None, extrema, 1.0).unwrap();
+        assert_eq!([0.0, 5e-324, 1.0].map(|f| flat.unclamped(f)), [0.0; 3]);
+        assert!(Mapping::new(Scale::Linear, Some([0.0, 5e-324]), extrema, 1.0).is_err());
         let symlog = mapping(Scale::Symlog { linthresh: 5e-324 }, Some([-1.0, 1.0]));
         assert!(symlog.unclamped(f64::MAX).is_finite() && close(symlog.unclamped(0.0), 0.5));
     }

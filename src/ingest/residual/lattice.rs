@@ -263,8 +263,6 @@ fn points_of<const K: usize, const ROW: usize>(cells: u32) -> [u64; ROW] {
 mod tests {
     use super::*;
 
-    const LINEAR: Scale = Scale::Linear { factor: 1.0 };
-
     fn block(side: usize, seed: u64) -> Block {
         let value = |i: u64| (((i + 7) * seed) % 1009) as f32 / 100.0;
         let values: Vec<f32> = (0..side.pow(3) as u64).map(value).collect();
@@ -327,7 +325,7 @@ mod tests {
                 let cells = |y: usize, z: usize| kind(y, z) & (u32::MAX >> (32 - edge));
                 let (fine, coarse) = (block(edge + 2, seed), block(edge / 2 + 2, seed + 4));
                 let expected = plainly(edge, cells, [&fine, &coarse]);
-                let found = lattice(edge, cells).difference(&fine, &coarse, LINEAR);
+                let found = lattice(edge, cells).difference(&fine, &coarse, Scale::Linear);
                 assert!((found - expected).abs() <= 1e-12 * expected, "{edge}, {seed}");
                 assert!(expected > 1.0);
             }
@@ -339,10 +337,13 @@ mod tests {
         let (fine, mut coarse) = (block(10, 0), block(6, 0));
         coarse.values[3 * 36 + 3 * 6 + 3] = 8.0;
         let one = |x: u32, at: usize| {
-            lattice(8, move |y, z| if y == at && z == at { 1 << x } else { 0 })
-                .difference(&fine, &coarse, LINEAR)
+            lattice(8, move |y, z| if y == at && z == at { 1 << x } else { 0 }).difference(
+                &fine,
+                &coarse,
+                Scale::Linear,
+            )
         };
-        assert_eq!(lattice(8, |_, _| 0).difference(&fine, &coarse, LINEAR), 0.0);
+        assert_eq!(lattice(8, |_, _| 0).difference(&fine, &coarse, Scale::Linear), 0.0);
         assert_eq!(one(0, 0), 0.0);
         // A corner of this cell is the centre of the coarser cell that differs.
         assert_eq!(one(4, 4), 8.0);

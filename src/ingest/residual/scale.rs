@@ -6,9 +6,9 @@ use crate::log10::log10;
 /// A map of stored values that never falls.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::ingest) enum Scale {
-    /// The stored value times `factor`.
-    Linear { factor: f64 },
-    /// log10 of that, where it is raised to `floor` > 0 first.
+    /// The stored value.
+    Linear,
+    /// log10 of the stored value times `factor`, where that is raised to `floor` > 0 first.
     Log10 { factor: f64, floor: f64 },
 }
 
@@ -33,9 +33,7 @@ impl Kernel for Map<'_> {
     fn run<L: Lanes>(self, _: L) {
         let pairs = self.mapped.iter_mut().zip(self.stored);
         match self.scale {
-            Scale::Linear { factor } => {
-                pairs.for_each(|(mapped, &stored)| *mapped = f64::from(stored) * factor);
-            }
+            Scale::Linear => pairs.for_each(|(mapped, &stored)| *mapped = f64::from(stored)),
             Scale::Log10 { factor, floor } => pairs.for_each(|(mapped, &stored)| {
                 let value = f64::from(stored) * factor;
                 *mapped = log10(if value > floor { value } else { floor });
@@ -53,8 +51,8 @@ mod tests {
         let stored: Vec<f32> = (-50..51).map(|n| (n as f32 * 0.31).sinh()).collect();
         let (factor, floor) = (0.25, 1e-3);
         let mut mapped = Vec::new();
-        Scale::Linear { factor }.map(&stored, &mut mapped);
-        assert!(stored.iter().zip(&mapped).all(|(&v, &m)| m == f64::from(v) * factor));
+        Scale::Linear.map(&stored, &mut mapped);
+        assert!(stored.iter().zip(&mapped).all(|(&v, &m)| m == f64::from(v)));
         Scale::Log10 { factor, floor }.map(&stored, &mut mapped);
         for (&value, mapped) in stored.iter().zip(mapped) {
             let expected = (f64::from(value) * factor).max(floor).log10();

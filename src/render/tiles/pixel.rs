@@ -280,6 +280,17 @@ mod tests {
     }
 
     #[test]
+    fn nothing_is_known_of_what_overflows() {
+        let endless = Unevenness::spread_and_bent(f64::INFINITY, 0.0);
+        let square = Found { uneven: Some(endless), ..found(whole(), |_| 1.0) };
+        let mut pixel = Pixel::default();
+        pixel.leave(&square, 1.0);
+        // Infinity less infinity is no number.
+        pixel.learn(&square, &[Unevenness::default(); 4], 1.0, &ErrorShares::default());
+        assert_eq!([pixel.unlikely(0.0), pixel.changeable(0.0)], [f64::INFINITY; 2]);
+    }
+
+    #[test]
     fn squares_along_an_edge_are_off_alike_where_their_rays_lie_at_their_centres() {
         let beside_edge = |is_aligned: bool| {
             let sides = SquareSides { beyond: [1.0; 4], own: [false, true, false, false] };

@@ -106,9 +106,9 @@ impl Shading {
             // Residuals are those of the interpolant.
             (_, Interpolation::Cell) => f64::INFINITY,
             (_, Interpolation::Linear) => {
-                let [linear, log10] = [field.residual_linear, field.residual_log10].map(f64::from);
-                let values = field.tree.map(|value| f64::from(value) * self.factor);
-                self.mapping.distance(linear, log10, values)
+                let stored = |value: f32| f64::from(value) * self.factor;
+                let (linear, log10) = (stored(field.residual_linear), field.residual_log10);
+                self.mapping.distance(linear, f64::from(log10), field.tree.map(stored))
             }
         };
         Distance {
