@@ -7,17 +7,13 @@ use std::borrow::Cow;
 use super::scaled::ScaledBrick;
 use super::steepness::{GroupSteepness, Steepness, Surveyor};
 use crate::render::transfer::change::Change;
-use crate::render::transfer::distance::Distance;
+use crate::render::transfer::distance::{Distance, FAR};
 use crate::render::transfer::pieces::PieceList;
 use crate::render::transfer::span::Span;
 use crate::render::transfer::storage::Storage;
 
 /// Dual cells (with `cell`: cells) along a group's edge.
 pub(crate) const GROUP_EDGE: usize = 4;
-/// Values farther off than this count by the transfer function's whole variation over the range
-/// that they may take, steps included; nearer ones by its slope, and steps where they are met.
-const FAR: f64 = 1e-3;
-
 /// A cube of [`GROUP_EDGE`]³ dual cells. Ranges and slopes take in one dual cell more on every
 /// side, as far as the brick knows it.
 #[derive(Debug, Clone, Copy, Default)]
@@ -132,7 +128,7 @@ impl Relief {
             let group = [at % self.side, at / self.side % self.side, at / self.side.pow(2)];
             self.groups.push(builder.group(of_group, group.map(|g| g * GROUP_EDGE)));
         }
-        self.join(|whole| builder.span(whole, builder.near_beneath()));
+        self.join(|whole| builder.span(whole, distance.near_beneath()));
     }
 
     /// Finds what holds for all groups; `span` is what the transfer function does over their range.
@@ -293,7 +289,8 @@ impl GroupBuilder<'_> {
         let holds_averages = of_group.holds_averages || has_children;
         let stored = if holds_averages { storage } else { leaf_storage };
         group.storage = Storage::new(&stored, [group.low, group.high], beneath, tree);
-        group.span = self.span(&group, if has_children { self.near_beneath() } else { 0.0 });
+        group.span =
+            self.span(&group, if has_children { self.distance.near_beneath() } else { 0.0 });
         group.fills_void = has_children && fills_void;
         if group.fills_void {
             let [low, high] = [tree[0].min(group.low), tree[1].max(group.high)];
@@ -301,18 +298,12 @@ impl GroupBuilder<'_> {
         } else if has_children {
             group.levels =
                 if self.brick.is_piecewise_constant() || residual.is_nan() || residual >= FAR {
-                    self.far_change(&group, residual, tree)
+                    self.far_change(&group)
                 } else {
                     self.change(&group, residual)
                 };
         }
         group
-    }
-
-    /// How far values beneath are, if that is near.
-    fn near_beneath(&self) -> f64 {
-        let Distance { residual, child_mask, .. } = *self.distance;
-        if residual < FAR && child_mask != 0 { residual } else { 0.0 }
     }
 
     /// What the transfer function does over a group's range, and where values beneath are so far off.
@@ -327,11 +318,11 @@ impl GroupBuilder<'_> {
         span.slope.times(distance)
     }
 
-    fn far_change(&self, group: &Group, distance: f64, tree: [f64; 2]) -> Change {
-        let low = (group.low - distance).max(tree[0].min(group.low));
-        let high = (group.high + distance).min(tree[1].max(group.high));
+    fn far_change(&self, group: &Group) -> Change {
+        let [low, high] = self.distance.range_beneath([group.low, group.high]);
         let span = self.pieces.over(low, high);
-        let by_slope = span.slope.times(distance.min(high - low)).plus(span.jumps);
+        let distance = self.distance.residual.min(high - low);
+        let by_slope = span.slope.times(distance).plus(span.jumps);
         by_slope.min(span.variation.plus(span.jumps))
     }
 

@@ -35,8 +35,9 @@ impl Cut {
 pub struct ErrorCut {
     /// The limit, in the picture's own unit.
     pub limit: f64,
-    /// What a brick's values may be off by as they are read, likewise.
-    pub digits: f64,
+    /// What a brick's values may be off by as they are read, likewise; none where all digits are read,
+    /// whatever they make.
+    pub digits: Option<f64>,
     /// Light that is expected from behind a brick.
     pub behind: f64,
 }

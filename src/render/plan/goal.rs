@@ -67,13 +67,15 @@ impl Goal {
         (self.certifies, self.rays_per_pixel) = (false, self.scouting_per_pixel);
     }
 
-    /// The cut that leaves `limit` to a single brick, and `digits` to how its values are read.
+    /// The cut that leaves `limit` to a single brick, and `digits` to how its values are read. Of ever
+    /// smaller ones the last draws all levels and reads all digits, so that no pixel is drawn without end
+    /// for what the index does not tell.
     pub(crate) fn cut(&self, limit: f64, digits: f64) -> Cut {
         let is_none = |limit: f64| limit.is_nan() || limit <= SMALLEST_LIMIT * self.tolerance;
         if self.all_levels || is_none(limit) {
             return Cut::FullDepth;
         }
-        let digits = if is_none(digits) { 0.0 } else { digits };
+        let digits = Some(digits).filter(|digits| !is_none(*digits));
         Cut::Error(ErrorCut { limit, digits, behind: self.behind })
     }
 }

@@ -290,7 +290,8 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
 
     /// A request for as many digits as a brick that is drawn needs.
     fn with_digits(&self, request: BrickRequest, seen: &Seen) -> BrickRequest {
-        let precision = self.context.precision(&request.field, seen, self.cut);
+        let BrickRequest { record, field, .. } = &request;
+        let precision = self.context.precision(record, field, seen, self.cut);
         BrickRequest { precision, ..request }
     }
 
@@ -420,30 +421,42 @@ impl WalkContext<'_> {
     /// lies in front, so that all tiles with the same cut read the same. The index tells that by the
     /// steepest slope over all of the brick's values, and for the longest way; rays make far less of it.
     /// Still, with three times the limit tiles are drawn again because of it.
-    fn precision(&self, field: &FieldRecord, seen: &Seen, cut: &Cut) -> Precision {
+    fn precision(
+        &self,
+        record: &NodeRecord,
+        field: &FieldRecord,
+        seen: &Seen,
+        cut: &Cut,
+    ) -> Precision {
         let fewer = [Precision::Short, Precision::Medium].into_iter();
         let mut fewer = fewer.filter(|precision| self.rounds && field.error(*precision) > 0.0);
         let found = match cut {
             Cut::FullDepth => None,
             Cut::Footprint(cut) => fewer.find(|precision| *precision >= cut.precision()),
-            Cut::Error(cut) => {
-                fewer.find(|precision| self.read_error(field, *precision, seen, cut) <= cut.digits)
-            }
+            Cut::Error(cut) => cut.digits.and_then(|most| {
+                fewer
+                    .find(|&precision| self.read_error(record, field, precision, seen, cut) <= most)
+            }),
         };
         found.unwrap_or(Precision::Full)
     }
 
-    /// How far the light of a ray may be off where a brick's own values are read in fewer digits.
+    /// How far the light of a ray may be off where a brick's own values are read in fewer digits. Where
+    /// others beneath are near, slopes count that these may meet, as in rays' accounts.
     fn read_error(
         &self,
+        record: &NodeRecord,
         field: &FieldRecord,
         precision: Precision,
         seen: &Seen,
         cut: &ErrorCut,
     ) -> f64 {
         let [low, high] = field.own.map(|value| self.shading.map(value));
-        let off = self.shading.read_distance([low, high], field, precision);
-        let span = self.bounds.over(low - off, high + off);
+        let distance = self.shading.distance(record, field, Precision::Full);
+        let beneath = distance.range_beneath([low, high]);
+        let off = self.shading.read_distance(beneath, field, precision);
+        let reach = off + distance.near_beneath();
+        let span = self.bounds.over(low - reach, high + reach);
         let by_slope = span.slope.times(off).plus(span.jumps);
         let change = by_slope.min(span.variation.plus(span.jumps));
         self.seen_length(seen) * change.light(cut.behind)

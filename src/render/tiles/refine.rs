@@ -359,7 +359,7 @@ impl Sheet {
             let cut = match &batch.cut {
                 Cut::Error(cut) => {
                     let [levels, digits] = next.factors();
-                    goal.cut(cut.limit * levels, cut.digits * digits)
+                    goal.cut(cut.limit * levels, cut.digits.map_or(0.0, |most| most * digits))
                 }
                 _ => Cut::FullDepth,
             };

@@ -28,7 +28,7 @@ impl Errors {
         let place = 1.0 + (37.0 * square.centre[0] + 17.0 * square.centre[1]).sin();
         let width = (2.0 * square.half()).powi(self.order);
         let [levels, digits] = match cut {
-            Cut::Error(cut) => [self.levels * cut.limit, self.digits * cut.digits],
+            Cut::Error(cut) => [self.levels * cut.limit, self.digits * cut.digits.unwrap_or(0.0)],
             _ => [0.0; 2],
         };
         ErrorShares {
@@ -182,7 +182,7 @@ fn levels_and_digits_are_made_finer_each_for_what_it_is_off_by() {
             }
         });
         assert!(sheet.next(&grid).is_none() && sheet.error().shares.total() <= TOLERANCE);
-        [cuts[1].limit / cuts[0].limit, cuts[1].digits / cuts[0].digits]
+        [cuts[1].limit / cuts[0].limit, cuts[1].digits.unwrap() / cuts[0].digits.unwrap()]
     };
     let [levels, digits] = second(10.0, 1.0);
     assert!(levels < 0.1 && digits == 1.0, "{levels} {digits}");
@@ -190,6 +190,37 @@ fn levels_and_digits_are_made_finer_each_for_what_it_is_off_by() {
     assert!(levels == 1.0 && digits < 0.15, "{levels} {digits}");
     let [levels, digits] = second(10.0, 10.0);
     assert!(levels < 0.1 && digits < 0.15, "{levels} {digits}");
+}
+
+/// The index may say that digits, or levels, make nothing where rays find that they do: smaller limits
+/// change nothing then, until there are none.
+#[test]
+fn pixels_end_whatever_smaller_limits_leave() {
+    let scene = scene("samples = 1", 9, 7);
+    let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+    for off in [[0.0, 2.0], [2.0, 0.0], [2.0, 2.0]] {
+        let mut sheet = Sheet::default();
+        sheet.start(&grid, grid.whole(), &Method::Within(goal(u64::MAX, false)));
+        let mut rounds = 0;
+        while let Some(batch) = sheet.next(&grid) {
+            let [levels, digits] = match &batch.cut {
+                Cut::Error(cut) => [off[0], if cut.digits.is_some() { off[1] } else { 0.0 }],
+                _ => [0.0; 2],
+            }
+            .map(|off| off * TOLERANCE);
+            let shares = ErrorShares { levels, digits, ..ErrorShares::default() };
+            let found = |square: &Square| Found {
+                square: *square,
+                value: [1.0; 4],
+                shares: shares.into(),
+                uneven: None,
+            };
+            sheet.judge(&grid, &batch, batch.squares.iter().map(found));
+            rounds += 1;
+            assert!(rounds < 30, "{off:?}: {:?}", batch.cut);
+        }
+        assert!(sheet.error().shares.total() <= TOLERANCE, "{off:?}");
+    }
 }
 
 /// What a picture is to be whose pixels' bounds are sought if it `certifies`.

@@ -2,6 +2,10 @@
 
 use crate::scene::Rounding;
 
+/// Values farther off than this count by the transfer function's whole variation over the range
+/// that they may take, steps included; nearer ones by its slope, and steps where they are met.
+pub(crate) const FAR: f64 = 1e-3;
+
 /// How far from the truth a brick's values are, in x.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Distance {
@@ -23,6 +27,17 @@ pub(crate) struct Distance {
 }
 
 impl Distance {
+    /// How far values beneath are, if that is near.
+    pub(crate) fn near_beneath(&self) -> f64 {
+        if self.residual < FAR && self.child_mask != 0 { self.residual } else { 0.0 }
+    }
+
+    /// What values beneath may be in whose place there are some between `low` and `high`.
+    pub(crate) fn range_beneath(&self, [low, high]: [f64; 2]) -> [f64; 2] {
+        let [lowest, highest] = self.tree;
+        [(low - self.residual).max(lowest.min(low)), (high + self.residual).min(highest.max(high))]
+    }
+
     /// None: nothing lies beneath, and values within `tree` are the source's.
     pub(crate) fn none(tree: [f64; 2]) -> Self {
         let stored = Rounding::default();
