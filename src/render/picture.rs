@@ -306,11 +306,11 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
 
 /// What a brick may be off by because it is drawn in fewer cells than it has, as a part of what a cut
 /// lets it be off by: many such bricks lie along a ray.
-const THIN_SHARE: f64 = 1.0 / 8.0;
+const THIN_SHARE: f64 = 1.0 / 4.0;
 /// What a ray may be off by in all because others are marched in its place, as a part of what a cut lets
 /// a brick be off by: three fifths of the tolerance at first. It is what gains most by it, so that
 /// little is left unused.
-const PROXIES_SHARE: f64 = 2.0;
+const PROXIES_SHARE: f64 = 4.0;
 
 /// Locks `mutex`, also after a panic of another thread.
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
