@@ -3,11 +3,10 @@
 use super::cut::{Cut, ErrorCut};
 use crate::render::bounds::ray_error::ErrorShares;
 
-/// The part of the goal that a first batch leaves to a single brick, of rays that stand for themselves, and
-/// for areas: few bricks along a ray are off by as much as the cut allows. Where cells are far wider than
-/// pixels more are, and rays for themselves that miss the goal are all marched again.
+/// The part of the goal that a first batch leaves to a single brick: few bricks along a ray are off by as
+/// much as the cut allows. With twice as much rays miss the goal where cells are far wider than pixels, and
+/// are marched again.
 const FIRST_LIMIT: f64 = 0.15;
-const FIRST_LIMIT_OF_AREAS: f64 = 0.3;
 /// The part of it that a first batch leaves to what a brick's values may be off by as they are read,
 /// of rays that stand for themselves, and for areas: these come through a brick again and again, with
 /// smaller limits, which should find it in as many digits as before.
@@ -54,12 +53,8 @@ pub(crate) struct Goal {
 impl Goal {
     /// The cut that pixels begin with.
     pub(crate) fn first_cut(&self) -> Cut {
-        let [limit, digits] = if self.has_area {
-            [FIRST_LIMIT_OF_AREAS, FIRST_DIGITS_OF_AREAS]
-        } else {
-            [FIRST_LIMIT, FIRST_DIGITS]
-        };
-        self.cut(limit * self.tolerance, digits * self.tolerance)
+        let digits = if self.has_area { FIRST_DIGITS_OF_AREAS } else { FIRST_DIGITS };
+        self.cut(FIRST_LIMIT * self.tolerance, digits * self.tolerance)
     }
 
     /// What the march of packets may be off by along a ray.
