@@ -315,9 +315,12 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let long = directory.path().join("n".repeat(255));
         fs::write(&long, "old").unwrap();
-        let link = directory.path().join("link");
+        let other = tempfile::tempdir().unwrap();
+        let link = other.path().join("link");
         std::os::unix::fs::symlink(&long, &link).unwrap();
-        AtomicFile::create(&link).unwrap().commit().unwrap();
+        let file = AtomicFile::create(&link).unwrap();
+        assert!(is_same_file(file.directory(), directory.path()));
+        file.commit().unwrap();
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
         assert_eq!(fs::read(&long).unwrap(), b"");
     }

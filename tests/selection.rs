@@ -378,6 +378,38 @@ fn values_beyond_f32_keep_their_scale() {
     assert_eq!(set.hold_to_bound(&cache, "linear", "[1.9, 2.5, -3.6]", volume), 1);
 }
 
+/// Values below a range's lower end, where nothing changes, above others beneath that lie within: in fewer
+/// digits these make something of a ray that is known of rays alone if the index does not count them.
+#[test]
+fn what_digits_make_is_told_before_rays_are_marched() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets_synthetic/athena13.toml");
+    let made = run(&[&"synth", &recipe, &"-o", &folder.path()]).done();
+    let [cache, picture, stats] = ["a.dfc", "a.exr", "a.json"].map(|n| folder.path().join(n));
+    run(&[&"ingest", &made.split(": ").next().unwrap(), &"-o", &cache]).done();
+    let scene = "[image]\nwidth = 1\nheight = 1\n[camera]\nposition = [0.25, -0.1, -1.3]\n\
+                 look_at = [0.25, -0.1, 0.2]\n[render]\nsamples = 1\n[[volume]]\nfield = \"rho\"\n\
+                 scale = \"linear\"\nrange = [16.0, 4000.0]\nabsorption = [[0.0, 0.044], [1.0, 0.17]]\n";
+    let scene = written(folder.path(), "scene.toml", scene);
+    for tolerance in ["1%", "0.1%", "0.01%", "1e-6"] {
+        let options = [&"--tolerance" as &dyn AsRef<_>, &tolerance, &"--stats", &stats];
+        let arguments = [&"render" as &dyn AsRef<_>, &cache, &scene, &"-o", &picture];
+        run(&[&arguments[..], &options].concat()).done();
+        let stats: Value = serde_json::from_slice(&std::fs::read(&stats).unwrap()).unwrap();
+        let [bound, most] = ["error_bound", "tolerance"].map(|key| stats[key].as_f64().unwrap());
+        assert!(bound <= most && stats["rays"] == 1, "{tolerance}: {stats}");
+    }
+}
+
+#[test]
+fn info_reads_within_a_limit() {
+    let set = Set::new("small");
+    let limited = |limit: &str| run(&[&"info", &set.source, &"--json", &"--memory", &limit]);
+    let facts: Value = serde_json::from_str(&limited("256MiB").done()).unwrap();
+    assert_eq!(facts, info(&set.source));
+    assert!(limited("1MiB").failed().contains("--memory"));
+}
+
 #[test]
 fn info_counts_the_cells_that_an_output_has() {
     let folder = tempfile::tempdir().unwrap();

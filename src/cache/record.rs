@@ -248,3 +248,24 @@ pub struct BrickEntry<'i> {
     /// The record of the field in the node.
     pub field_record: &'i FieldRecord,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_in_order_or_empty_and_enclose_each_other() {
+        let is_read = |own: [f32; 2], tree: [f32; 2]| {
+            let (offsets, lengths) = ([1, 0, 0], [1, 0, 0]);
+            let record = FieldRecord { offsets, lengths, own, tree, ..FieldRecord::default() };
+            let mut bytes = ByteWriter::default();
+            record.write(&mut bytes);
+            FieldRecord::read(&mut ByteReader::new(&bytes.bytes)).is_some()
+        };
+        assert!(is_read([1.0, 2.0], [1.0, 3.0]) && is_read(EMPTY_RANGE, [5.0, 5.0]));
+        assert!(is_read(EMPTY_RANGE, EMPTY_RANGE));
+        // A subtree of nothing would be left out without a word.
+        assert!(!is_read(EMPTY_RANGE, [5.0, -5.0]) && !is_read([2.0, 1.0], [0.0, 3.0]));
+        assert!(!is_read([1.0, 4.0], [1.0, 3.0]) && !is_read([1.0, 2.0], EMPTY_RANGE));
+    }
+}

@@ -96,6 +96,7 @@ impl Film {
 
     /// The largest value of any channel of any pixel; 0 is the least, NaN more than any.
     pub fn largest_value(&self) -> f32 {
+        // `f32::max` passes over NaN; channel by channel, several at a time.
         let (mut most, mut are_numbers) = ([0.0_f32; 4], true);
         for pixel in &self.pixels {
             for (most, value) in most.iter_mut().zip(pixel) {

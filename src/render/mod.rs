@@ -158,7 +158,7 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
 /// The largest channel of any pixel.
 ///
 /// # Errors
-/// Light that 32-bit floats do not hold.
+/// Light that 32-bit floats do not hold, or that has overflowed to no number.
 fn largest_value(film: &Film) -> Result<f64> {
     let largest = film.largest_value();
     if largest.is_finite() {

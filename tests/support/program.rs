@@ -6,7 +6,7 @@ use std::ffi::OsStr;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// How a run ended.
 #[derive(Debug)]
@@ -55,6 +55,9 @@ pub(crate) fn start(arguments: &[&dyn AsRef<OsStr>]) -> Child {
     command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
+/// The longest that a run may take: one that does not end fails, as if stopped by a signal.
+const LONGEST: Duration = Duration::from_secs(600);
+
 /// Waits until a run has ended.
 pub(crate) fn end(mut child: Child) -> Ended {
     let read = |stream: Option<Box<dyn Read + Send>>| {
@@ -67,8 +70,12 @@ pub(crate) fn end(mut child: Child) -> Ended {
     let stdout = read(child.stdout.take().map(|stream| Box::new(stream) as _));
     let stderr = read(child.stderr.take().map(|stream| Box::new(stream) as _));
     let mut peak = 0;
+    let began = Instant::now();
     let status = loop {
         peak = peak.max(peak_of(child.id()));
+        if began.elapsed() > LONGEST {
+            let _ = child.kill();
+        }
         match child.try_wait().unwrap() {
             Some(status) => break status,
             None => std::thread::sleep(Duration::from_millis(2)),

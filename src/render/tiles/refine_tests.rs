@@ -43,10 +43,20 @@ impl Errors {
 
 /// Has a sheet judge white rays of a batch.
 fn judge(sheet: &mut Sheet, grid: &PixelGrid, batch: &Batch, errors: &Errors) {
+    judge_by(sheet, grid, batch, |square| errors.of(square, &batch.cut));
+}
+
+/// The same where squares are off by such shares.
+fn judge_by(
+    sheet: &mut Sheet,
+    grid: &PixelGrid,
+    batch: &Batch,
+    shares: impl Fn(&Square) -> ErrorShares,
+) {
     let outcome = |square: &Square| Found {
         square: *square,
         value: [1.0; 4],
-        shares: errors.of(square, &batch.cut).into(),
+        shares: shares(square).into(),
         uneven: None,
     };
     sheet.judge(grid, batch, batch.squares.iter().map(outcome));
@@ -210,13 +220,7 @@ fn pixels_end_whatever_smaller_limits_leave() {
             }
             .map(|off| off * TOLERANCE);
             let shares = ErrorShares { levels, digits, ..ErrorShares::default() };
-            let found = |square: &Square| Found {
-                square: *square,
-                value: [1.0; 4],
-                shares: shares.into(),
-                uneven: None,
-            };
-            sheet.judge(&grid, &batch, batch.squares.iter().map(found));
+            judge_by(&mut sheet, &grid, &batch, |_| shares);
             rounds += 1;
             assert!(rounds < 30, "{off:?}: {:?}", batch.cut);
         }

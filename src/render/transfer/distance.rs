@@ -33,9 +33,8 @@ impl Distance {
     }
 
     /// What values beneath may be in whose place there are some between `low` and `high`.
-    pub(crate) fn range_beneath(&self, [low, high]: [f64; 2]) -> [f64; 2] {
-        let [lowest, highest] = self.tree;
-        [(low - self.residual).max(lowest.min(low)), (high + self.residual).min(highest.max(high))]
+    pub(crate) fn range_beneath(&self, range: [f64; 2]) -> [f64; 2] {
+        range_beneath(range, self.residual, self.tree)
     }
 
     /// None: nothing lies beneath, and values within `tree` are the source's.
@@ -51,4 +50,10 @@ impl Distance {
             is_rounded: false,
         }
     }
+}
+
+/// What values may be that are no more than `beneath` from some between `low` and `high`, and within
+/// `tree` if these are.
+pub(super) fn range_beneath([low, high]: [f64; 2], beneath: f64, tree: [f64; 2]) -> [f64; 2] {
+    [(low - beneath).max(tree[0].min(low)), (high + beneath).min(tree[1].max(high))]
 }

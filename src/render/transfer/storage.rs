@@ -1,5 +1,6 @@
 //! How far values are from the source's, as they are stored, and how far they may be off in all.
 
+use super::distance::range_beneath;
 use super::rounded::up;
 use crate::polynomial::Polynomial;
 use crate::scene::Rounding;
@@ -33,8 +34,7 @@ impl Storage {
         beneath: f64,
         tree: [f64; 2],
     ) -> Self {
-        let lowest = (low - beneath).max(tree[0].min(low));
-        let highest = (high + beneath).min(tree[1].max(high));
+        let [lowest, highest] = range_beneath([low, high], beneath, tree);
         // Where neighbours are far larger their share is rounding.
         let rounded = ROUNDING * low.abs().max(high.abs());
         let most = rounding.between(lowest, highest) + rounded;
