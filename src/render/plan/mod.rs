@@ -4,5 +4,6 @@ pub(super) mod census;
 pub mod cut;
 pub(super) mod effort;
 pub(super) mod goal;
+mod octants;
 pub(super) mod tree_walk;
 pub(super) mod turns;

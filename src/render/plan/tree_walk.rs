@@ -5,6 +5,7 @@ use glam::DVec3;
 
 use super::census::{BrickFate, Tally};
 use super::cut::{Cut, ErrorCut};
+use super::octants::{Octants, Piece, Pieces};
 use crate::cache::{BrickPlace, Cursor, FieldRecord, Header, NodeRecord, Precision};
 use crate::render::brick::load::BrickRequest;
 use crate::render::brick::passage::Region;
@@ -78,7 +79,7 @@ pub(crate) struct WalkContext<'r> {
     pub(crate) rounds: bool,
 }
 
-/// One piece to draw: a brick, or one octant of it.
+/// One piece to draw: a brick, or some octants of it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Step {
     /// The brick.
@@ -101,13 +102,8 @@ pub(crate) struct Step {
 struct Open {
     request: BrickRequest,
     frame: Frame,
-    /// Octants that children draw.
-    opened: u8,
-    /// Octants that the node's own brick draws and that are not transparent.
-    own: u8,
-    /// Octant `n ^ order` is the n-th from the eye.
-    order: u8,
-    next: u8,
+    /// Those that are still to be visited.
+    pieces: Pieces,
     fate: BrickFate,
 }
 
@@ -157,21 +153,18 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
             }
         }
         while let Some(open) = self.stack.last_mut() {
-            if open.next == 8 {
-                self.tally.count(open.fate, 1);
-                self.stack.pop();
-                continue;
-            }
-            let octant = open.next ^ open.order;
-            open.next += 1;
-            let step = if open.opened >> octant & 1 == 1 {
-                let BrickRequest { record, place, .. } = open.request;
-                let child = record.child(octant).unwrap_or(0);
-                self.visit(child, place.child(octant), &needed)?
-            } else if open.own >> octant & 1 == 1 {
-                self.own_octant(octant, &needed)
-            } else {
-                None
+            let step = match open.pieces.next() {
+                Some(Piece::Child(octant)) => {
+                    let BrickRequest { record, place, .. } = open.request;
+                    let child = record.child(octant).unwrap_or(0);
+                    self.visit(child, place.child(octant), &needed)?
+                }
+                Some(Piece::Own(octants)) => self.own_octants(octants, &needed),
+                None => {
+                    self.tally.count(open.fate, 1);
+                    self.stack.pop();
+                    continue;
+                }
             };
             if step.is_some() {
                 return Ok(step);
@@ -231,7 +224,7 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         let (record, field) = self.index.records(node)?;
         let subtree = record.descendants.saturating_add(1);
         let context = self.context;
-        let frame = context.frame(&place, None);
+        let frame = context.frame(&place);
         let edge = context.header.shape.edge() as f64;
         let footprint = frame.footprint(DVec3::ZERO, DVec3::splat(edge));
         let all = footprint.map_or(PixelRect::NONE, |footprint| context.pixels.seen(&footprint));
@@ -271,7 +264,7 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
     }
 
     fn draw_whole(&mut self, request: BrickRequest, seen: &Seen) -> Option<Step> {
-        let region = self.context.region(&request.place, None);
+        let region = self.context.region(&request.place, Octants::ALL);
         let hides = request.record.child_mask != 0;
         // What is transparent itself need not be so beneath, and is counted as an error then.
         let counts = hides && matches!(self.cut, Cut::Error(_));
@@ -299,38 +292,35 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         let context = self.context;
         let is_transparent = self.is_transparent(&request.field, true);
         let has_own = |octant: u8| {
-            opened >> octant & 1 == 0 && context.region(&request.place, Some(octant)).is_some()
+            let octants = Octants::one(octant);
+            opened >> octant & 1 == 0 && context.region(&request.place, octants).is_some()
         };
         let own =
             (0..8).filter(|&octant| has_own(octant)).fold(0, |mask, octant| mask | 1 << octant);
-        let order = context.view.octant_order(&context.corner(&request.place, 0b111));
+        let order = context.view.octant_order(&context.centre(&request.place));
         let fate =
             if own != 0 && is_transparent { BrickFate::Transparent } else { BrickFate::Covered };
         let own = if is_transparent { 0 } else { own };
         let request = if own == 0 { request } else { self.with_digits(request, seen) };
-        let frame = seen.frame;
-        self.stack.push(Open { request, frame, opened, own, order, next: 0, fate });
+        let pieces = Pieces::new(opened, own, order);
+        self.stack.push(Open { request, frame: seen.frame, pieces, fate });
     }
 
-    /// One of the octants that the node on top of the stack draws itself.
-    fn own_octant(
+    /// Octants that the node on top of the stack draws itself.
+    fn own_octants(
         &mut self,
-        octant: u8,
+        octants: Octants,
         needed: &impl Fn(&PixelRect, &Footprint) -> f64,
     ) -> Option<Step> {
-        let half = self.context.header.shape.edge() as f64 / 2.0;
-        let place = self.stack.last()?.request.place;
-        let frame = self.context.frame(&place, Some(octant));
-        let footprint = frame.footprint(DVec3::ZERO, DVec3::splat(half))?;
+        let Open { request, frame, pieces, .. } = *self.stack.last()?;
+        let region = self.context.region(&request.place, octants)?;
+        let footprint = frame.footprint(region.lo.into(), region.hi.into())?;
         let pixels = self.pixels_of(&footprint);
         if pixels.is_empty() {
             return None;
         }
-        let region = self.context.region(&place, Some(octant))?;
-        let open = self.stack.last_mut()?;
-        open.fate = BrickFate::Drawn;
-        let is_last = (open.next..8).all(|n| open.own >> (n ^ open.order) & 1 == 0);
-        let (request, frame) = (open.request, open.frame);
+        self.stack.last_mut()?.fate = BrickFate::Drawn;
+        let is_last = pieces.are_only_children();
         let step = Step { request, frame, region, pixels, footprint, hides: false, is_last };
         (needed(&pixels, &footprint) > 0.0).then_some(step)
     }
@@ -348,33 +338,31 @@ struct Seen {
 }
 
 impl WalkContext<'_> {
-    /// The brick's lowest corner, moved by half its edge along the axes in `octant`: that
-    /// octant's lowest corner, and for 7 the brick's centre.
-    fn corner(&self, place: &BrickPlace, octant: u8) -> Position {
-        let edge = self.header.shape.edge() as i128;
-        let cell = |a: usize| place.coordinates[a] * edge + i128::from(octant >> a & 1) * edge / 2;
-        self.header.domain.cell_corner(place.octree, std::array::from_fn(cell))
+    /// The brick's lowest corner.
+    fn corner(&self, place: &BrickPlace) -> Position {
+        self.header.domain.cell_corner(place.octree, place.lowest_cell(self.header.shape))
     }
 
-    /// The camera as the brick, or one octant of it, sees it.
-    fn frame(&self, place: &BrickPlace, octant: Option<u8>) -> Frame {
-        let edge = self.header.shape.edge() as f64;
-        let size = if octant.is_some() { edge / 2.0 } else { edge };
-        self.view.frame(&self.corner(place, octant.unwrap_or(0)), place.octree, size)
+    /// Where its octants meet.
+    fn centre(&self, place: &BrickPlace) -> Position {
+        let half = self.header.shape.edge() as i128 / 2;
+        let lowest = place.lowest_cell(self.header.shape);
+        self.header.domain.cell_corner(place.octree, lowest.map(|c| c + half))
     }
 
-    /// The brick, or one octant of it, in its cells, as far as it lies in the domain.
-    fn region(&self, place: &BrickPlace, octant: Option<u8>) -> Option<Region> {
+    /// The camera as the brick sees it.
+    fn frame(&self, place: &BrickPlace) -> Frame {
+        self.view.frame(&self.corner(place), place.octree, self.header.shape.edge() as f64)
+    }
+
+    /// Some octants of the brick, in its cells, as far as they lie in the domain.
+    fn region(&self, place: &BrickPlace, octants: Octants) -> Option<Region> {
         let edge = self.header.shape.edge() as f64;
-        let corner = self.corner(place, 0);
+        let corner = self.corner(place);
         let upper = self.header.domain.upper();
         let cells_per_unit = f64::from(place.octree - FRACTION_BITS as i32).exp2();
         let bounds = |a: usize| {
-            let (lo, hi) = match octant {
-                None => (0.0, edge),
-                Some(octant) if octant >> a & 1 == 1 => (edge / 2.0, edge),
-                Some(_) => (0.0, edge / 2.0),
-            };
+            let (lo, hi) = octants.ends(a, edge);
             // Exact where it clips: then it is less than a brick, in units of the root grid.
             let end = upper.0[a].saturating_sub(corner.0[a]) as f64 * cells_per_unit;
             (lo, hi.min(end))
