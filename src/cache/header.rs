@@ -399,3 +399,16 @@ impl CachedField {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::VERSION;
+
+    #[test]
+    fn the_format_s_description_is_of_this_version() {
+        let page = include_str!("../../docs/FORMAT.md");
+        for said in [format!("Version {VERSION}. "), format!("| 8 | u32 | version, {VERSION} |")] {
+            assert!(page.contains(&said), "docs/FORMAT.md does not say `{said}`");
+        }
+    }
+}

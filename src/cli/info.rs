@@ -19,7 +19,7 @@ pub(super) struct Arguments {
     /// Print JSON
     #[arg(long)]
     json: bool,
-    /// The input's format (default: told by its content)
+    /// The input's format: enzo, amrex, athena++, flash or athena (default: told by its content)
     #[arg(long, value_name = "NAME")]
     format: Option<String>,
     /// Of a simulation output, read only what describes it: no extrema, sums and leaf cells

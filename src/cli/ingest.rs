@@ -19,7 +19,8 @@ use crate::{Error, Result, source};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
-    /// The simulation output: its parameter file, hierarchy file or folder
+    /// The simulation output: Enzo's parameter or hierarchy file, an AMReX plotfile's folder, an
+    /// Athena++ `.athdf`, a FLASH file, an Athena `.vtk`, or a folder that holds one output
     input: PathBuf,
     /// The cache to write
     #[arg(short, long, value_name = "CACHE")]
@@ -38,7 +39,7 @@ pub(super) struct Arguments {
     /// Threads (default: all cores)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
-    /// The input's format (default: told by its content)
+    /// The input's format: enzo, amrex, athena++, flash or athena (default: told by its content)
     #[arg(long, value_name = "NAME")]
     format: Option<String>,
     /// Leave out levels deeper than this
@@ -47,10 +48,11 @@ pub(super) struct Arguments {
     /// Store values with a relative error of at most this (0: lossless)
     #[arg(long, value_name = "E", default_value_t = 0.0, value_parser = values::relative_error, allow_negative_numbers = true)]
     error: f64,
-    /// Leave out cells whose value is below this: they count as nothing there
+    /// Leave out, in each field, cells where that field is below this: they emit and absorb nothing
     #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = values::no_nan)]
     drop_below: Option<f64>,
-    /// Keep only this box: its lower and upper corner, each `x,y,z` in code length
+    /// Keep only this box: its lower and upper corner, each `x,y,z` in code length, as in
+    /// `--region 0.4,0.4,0.4 0.6,0.6,0.6`
     #[arg(
         long, value_names = ["LO", "HI"], num_args = 2, allow_hyphen_values = true,
         action = clap::ArgAction::Set,
@@ -154,6 +156,12 @@ fn report(header: &Header, arguments: &Arguments) -> Result<()> {
         header.shape.edge(),
         size::show(header.file_bytes),
     ))?;
+    if let (Some(least), 2..) = (arguments.drop_below, header.fields.len()) {
+        warn(format!(
+            "--drop-below {least}: each field has lost the cells where its own value is below that: ingest \
+             fields alone that need limits of their own"
+        ));
+    }
     for field in &header.fields {
         if cells > 0 && field.dropped_cells == cells {
             warn(format!(

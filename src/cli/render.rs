@@ -37,8 +37,9 @@ pub(super) struct Arguments {
     /// n for n×n rays a pixel, or `area` (default: the scene's)
     #[arg(long, value_name = "N|area", value_parser = Samples::parse, allow_negative_numbers = true, conflicts_with = "fixed")]
     samples: Option<Samples>,
-    /// Cells in pixels (0: all levels), rays a pixel's axis and the march's relative accuracy, set
-    /// by hand instead of by tolerance: no bound of the error, for comparison
+    /// For comparison, set by hand instead of by tolerance and without a bound of the error: the largest
+    /// cells in pixels (0: all levels), rays along a pixel's edge, and the march's relative accuracy, as
+    /// in `1,3,0.001`
     #[arg(long, value_name = "PIXELS,RAYS,ACCURACY", value_parser = parse_fixed)]
     fixed: Option<FixedSetting>,
     /// Load all bricks of the field before drawing, as renderers do that hold everything in memory:

@@ -36,7 +36,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     // Damage is told by the status even if nobody reads where it is.
     Err(Error::invalid(
         arguments.cache.display(),
-        format!("{} damaged places: ingest the data again", report.damaged),
+        format!("{}: ingest the data again", places(report.damaged)),
     ))
 }
 
@@ -58,6 +58,10 @@ fn tell(arguments: &Arguments, report: &Report, header: &Header) -> Result<()> {
         output.line(what_remains(report, header))?;
     }
     output.finish()
+}
+
+fn places(damaged: u64) -> String {
+    if damaged == 1 { "1 damaged place".to_owned() } else { format!("{damaged} damaged places") }
 }
 
 /// What can still be rendered: fields without damage, and views that need no damaged brick.
@@ -83,9 +87,11 @@ fn what_remains(report: &Report, header: &Header) -> String {
             None => format!("{count} outside all bricks"),
         })
         .collect();
-    let fields = if names.is_empty() { "no field wholly".to_owned() } else { names.join(", ") };
-    format!(
-        "still renders: {fields}; of the others, views that need none of the damaged bricks ({})",
-        levels.join(", ")
-    )
+    let levels = levels.join(", ");
+    let views = "views that need none of the damaged bricks";
+    if names.is_empty() {
+        format!("no field is undamaged; still renders: {views} ({levels})")
+    } else {
+        format!("still renders: {}; of the other fields, {views} ({levels})", names.join(", "))
+    }
 }

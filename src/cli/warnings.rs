@@ -13,15 +13,28 @@ pub(super) fn of_bound(Rendered { stats, film, .. }: &Rendered) {
     if let Some(bound) = stats.error_bound
         && bound > tolerance
     {
-        // Of single rays nothing more is known than their bound.
-        let likely = stats.error_estimate.filter(|likely| *likely < bound);
-        let likely = likely
-            .map_or_else(String::new, |likely| format!(" (by {likely:.2e} in all likelihood)"));
-        warn(format!(
-            "pixels may be off by {bound:.2e}, more than the tolerance of {tolerance:.2e}{likely}: \
-             ask for a larger --tolerance{}",
-            other_advice(stats)
-        ));
+        warn(beyond(stats, bound, tolerance));
+    }
+}
+
+/// That a bound is beyond the tolerance, and what may be done about it.
+fn beyond(stats: &Stats, bound: f64, tolerance: f64) -> String {
+    let advice = other_advice(stats);
+    // Of single rays nothing more is known than their bound.
+    match stats.error_estimate.filter(|likely| *likely < bound) {
+        Some(likely) if likely <= tolerance => format!(
+            "not certified: pixels are within the tolerance of {tolerance:.2e} in all likelihood (off by \
+             up to {likely:.2e}), but what is certain is {bound:.2e}: for a certificate ask for a larger \
+             --tolerance{advice}"
+        ),
+        likely => {
+            let likely = likely
+                .map_or_else(String::new, |likely| format!(" (by {likely:.2e} in all likelihood)"));
+            format!(
+                "pixels may be off by {bound:.2e}, more than the tolerance of \
+                 {tolerance:.2e}{likely}: ask for a larger --tolerance{advice}"
+            )
+        }
     }
 }
 

@@ -48,7 +48,8 @@ pub(super) struct Arguments {
     /// n for n×n rays a pixel, or `area` (default: the scene's)
     #[arg(long, value_name = "N|area", value_parser = values::samples_text)]
     samples: Option<String>,
-    /// Write covering-grid.csv and a plot of time for each scene to this folder too
+    /// Write covering-grid.csv and a plot of time for each scene to this folder too, and the scenes if
+    /// none are given
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -62,15 +63,15 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let folder = ScratchFolder::new()?;
     let cache = Cache::open(&arguments.cache, Cursor::WINDOWS)?;
-    let scenes = match &arguments.scenes[..] {
-        [] => viewpoints::write(&cache, folder.path())?,
-        given => given.to_vec(),
-    };
-    scenes.iter().try_for_each(|scene| has_range(scene, &cache))?;
+    arguments.scenes.iter().try_for_each(|scene| has_range(scene, &cache))?;
     let levels = chosen(&cache, arguments)?;
     if let Some(folder) = &arguments.output {
         make_folder(folder)?;
     }
+    let scenes = match &arguments.scenes[..] {
+        [] => viewpoints::write(&cache, arguments.output.as_deref().unwrap_or(folder.path()))?,
+        given => given.to_vec(),
+    };
     let mut bench = Bench::new(arguments, &scenes)?;
     let mut subjects = vec![bench.measure_cache(&cache)?];
     match bench.measure_all_levels(&subjects[0]) {
@@ -84,7 +85,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         subjects.push(bench.measure_grid(&cache, level, folder.path())?);
     }
     bench.repeat(&mut subjects, arguments.limits.repeat)?;
-    let text = csv(&rows(&subjects, &scenes))?;
+    let text = csv(&rows(&subjects, &names(&scenes, folder.path())))?;
     if let Some(folder) = &arguments.output {
         atomic_file::write(&folder.join("covering-grid.csv"), &text)?;
         for (name, plot) in plots(&subjects, &scenes) {
@@ -92,6 +93,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     Output::new().end_with(&text)
+}
+
+/// What scenes are called: of those that vanish with `scratch` nothing but their names.
+fn names(scenes: &[PathBuf], scratch: &Path) -> Vec<PathBuf> {
+    scenes.iter().map(|path| path.strip_prefix(scratch).unwrap_or(path).to_owned()).collect()
 }
 
 /// `3`, or `0..4` with both ends.
