@@ -54,7 +54,7 @@ impl Plan {
         let memory = usize::try_from(memory).unwrap_or(usize::MAX).min(isize::MAX as usize);
         if memory < SMALLEST {
             return Err(Error::request(format!(
-                "--memory is too small for ingest: the smallest limit that works is {}MiB",
+                "--memory {memory} bytes is too small to read an output: the smallest that works is {}MiB",
                 SMALLEST >> 20
             )));
         }

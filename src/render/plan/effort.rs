@@ -25,9 +25,12 @@ const MOST_HALVED: u32 = 3;
 /// Rays of a picture, about, by which what may shine is looked for where bounds are not sought.
 const SCOUTING: u64 = 512_000;
 /// Rays of a picture's dark pixels, about, that need not be dark by their bounds; fewer than the quarters
-/// of quarters tell too little to be worth their time.
+/// of quarters tell too little to be worth their time. A pixel takes more of them than others do in pictures
+/// so small that all of theirs are few.
 const GLINTS: u64 = 1 << 22;
 const LEAST_GLINT_HALVINGS: u32 = 2;
+const FEW_GLINTS: u64 = 1 << 18;
+const MOST_GLINT_HALVINGS: u32 = 5;
 
 /// Rays for each pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,8 +60,10 @@ impl Effort {
         let most = each(MOST).clamp(FEWEST_PER_PIXEL, MOST_PER_PIXEL);
         let alone = each(MOST_ALONE).clamp(FEWEST_ALONE_PER_PIXEL, MOST_ALONE_PER_PIXEL);
         let worthwhile = each(WORTHWHILE).max(WORTHWHILE_PER_PIXEL);
-        let halvings = |rays: u64| each(rays).checked_ilog(4).unwrap_or(0).min(MOST_HALVED);
-        let glints = Some(halvings(GLINTS)).filter(|&halvings| halvings >= LEAST_GLINT_HALVINGS);
+        let power = |rays: u64| each(rays).checked_ilog(4).unwrap_or(0);
+        let halvings = |rays: u64| power(rays).min(MOST_HALVED);
+        let glints = halvings(GLINTS).max(power(FEW_GLINTS).min(MOST_GLINT_HALVINGS));
+        let glints = Some(glints).filter(|&halvings| halvings >= LEAST_GLINT_HALVINGS);
         Self {
             most,
             most_certified: UNEVEN * most,
@@ -86,8 +91,8 @@ mod tests {
         }
         let halvings = [63, 256, 1024, 4096, 16_384].map(|n| Effort::of(n).least_halvings);
         assert_eq!(halvings, [3, 3, 2, 1, 0]);
-        let glints = [63, 16_384, 65_536, 262_144].map(|n| Effort::of(n).glint_halvings);
-        assert_eq!(glints, [3, 3, 3, 2]);
+        let glints = [63, 256, 1024, 16_384, 65_536, 262_144].map(|n| Effort::of(n).glint_halvings);
+        assert_eq!(glints, [5, 5, 4, 3, 3, 2]);
         for size in [63, 4096, 65_536, 262_144, 1_000_000] {
             let Effort { most_alone, most, .. } = Effort::of(size);
             assert!(most_alone * size <= MOST_ALONE && most * size <= MOST, "{size}");
