@@ -53,16 +53,38 @@ fn named<'t>(text: &'t str, path: &str) -> Vec<&'t str> {
         rest.trim_start().split(|c: char| !c.is_alphanumeric() && c != '_').next().unwrap()
     };
     let several = |rest: &'t str| match rest.strip_prefix('{') {
-        Some(list) => list.split('}').next().unwrap().split(',').map(word).collect(),
+        Some(list) => outermost(list).into_iter().map(word).collect(),
         None => vec![word(rest)],
     };
     text.split(path).skip(1).flat_map(several).collect()
+}
+
+/// The parts between the commas of a list up to its closing brace; braces within hold lists of their own.
+fn outermost(list: &str) -> Vec<&str> {
+    let (mut depth, mut start, mut parts) = (1, 0, Vec::new());
+    for (at, c) in list.char_indices() {
+        match c {
+            '{' => depth += 1,
+            '}' => depth -= 1,
+            _ => {}
+        }
+        if depth == 0 || depth == 1 && c == ',' {
+            parts.push(&list[start..at]);
+            start = at + 1;
+        }
+        if depth == 0 {
+            break;
+        }
+    }
+    parts
 }
 
 #[test]
 fn names_are_found_alone_and_in_braces() {
     let text = "use crate::cache::{A, B};\nuse crate::{Error, source};\nlet x = crate::scene::Y;";
     assert_eq!(named(text, "crate::"), ["cache", "Error", "source", "scene"]);
+    let nested = "use crate::{cache::{A, b::{C, D}}, cli, scene::{E}};\nuse crate::paging::F;";
+    assert_eq!(named(nested, "crate::"), ["cache", "cli", "scene", "paging"]);
 }
 
 /// All sources below `folder` but those of tests alone.

@@ -54,7 +54,7 @@ impl Read for ShortLines {
         let mut longest = 0;
         for &byte in &buffer[..count] {
             self.is_quoted ^= byte == b'"';
-            let is_end = byte == b'\n' && !self.is_quoted;
+            let is_end = matches!(byte, b'\n' | b'\r') && !self.is_quoted;
             self.length = if is_end { 0 } else { self.length + 1 };
             longest = longest.max(self.length);
         }

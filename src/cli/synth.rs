@@ -38,7 +38,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if arguments.scale != 1.0 {
         recipe = recipe.scaled(arguments.scale)?;
     }
-    let bar = Bar::new("synth", "grids");
+    let bar = Bar::new("synth", "cells");
     let summary = synth::write(&recipe, &arguments.output, &mut |done, total| {
         bar.show("synth", done, total);
     })?;
@@ -60,11 +60,15 @@ const MAX_RECIPE_BYTES: u64 = 1 << 20;
 
 fn load(path: &Path) -> Result<Recipe> {
     let failed = |source| Error::io(path, "cannot read the recipe", source);
-    let mut text = String::new();
+    let mut bytes = Vec::new();
     let file = std::fs::File::open(path).map_err(failed)?;
-    file.take(MAX_RECIPE_BYTES + 1).read_to_string(&mut text).map_err(failed)?;
-    if text.len() as u64 > MAX_RECIPE_BYTES {
+    file.take(MAX_RECIPE_BYTES + 1).read_to_end(&mut bytes).map_err(failed)?;
+    if bytes.len() as u64 > MAX_RECIPE_BYTES {
         return Err(Error::invalid(path.display(), "a recipe is at most 1 MiB long"));
     }
+    let text = String::from_utf8(bytes).map_err(|error| {
+        let at = error.utf8_error().valid_up_to();
+        Error::invalid(path.display(), format!("not a recipe: byte {at} is not UTF-8 text"))
+    })?;
     Recipe::parse(&text, path.display())
 }

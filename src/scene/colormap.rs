@@ -1,5 +1,6 @@
 //! Colour maps by name: tables of 256 sRGB entries (sources and licences: `colormaps/NOTICE`).
 
+use super::entry::shown;
 use super::piecewise::PiecewiseLinear;
 use super::srgb::srgb_to_linear;
 use crate::spelling::nearest;
@@ -99,7 +100,7 @@ impl ColorMap {
 }
 
 fn unknown(name: &str, plain: &str) -> Error {
-    let shown: String = name.chars().take(40).flat_map(char::escape_debug).collect();
+    let shown = shown(name);
     let suggestion = nearest(plain, color_map_names()).unwrap_or_default();
     let known: Vec<&str> = color_map_names().collect();
     Error::request(format!(

@@ -1,6 +1,7 @@
 //! A folder that appears whole or not at all.
 
 use std::fs::{self, File};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use crate::atomic_file::{is_at, is_being_written, lock};
@@ -34,7 +35,7 @@ impl OutputFolder {
         refuse_foreign(&target, marked)?;
         fs::create_dir_all(directory)
             .map_err(|e| Error::io(directory, "cannot make this folder", e))?;
-        let partial = directory.join(format!(".{name}.partial"));
+        let partial = directory.join(format!(".{name}.deepfield-partial"));
         if partial.exists() {
             // What a killed run left.
             let _lock = locked(&partial, &target)?;
@@ -53,6 +54,7 @@ impl OutputFolder {
         let old = old_of(&folder.partial);
         if old.exists() && !folder.target.exists() {
             // A run was killed while it replaced a data set: that is still there.
+            refuse_foreign(&old, &folder.marked)?;
             rename(&old, &folder.target)?;
         }
         Ok(folder)
@@ -89,6 +91,7 @@ impl OutputFolder {
         if self.target.exists() {
             refuse_foreign(&self.target, &self.marked)?;
             let old = old_of(&self.partial);
+            refuse_foreign(&old, &self.marked)?;
             remove_folder(&old)?;
             rename(&self.target, &old)?;
             if let Err(error) = rename(&self.partial, &self.target) {
@@ -118,7 +121,7 @@ impl Drop for OutputFolder {
 
 /// Where the data set that is replaced lies for a moment.
 fn old_of(partial: &Path) -> PathBuf {
-    partial.with_extension("old")
+    partial.with_extension("deepfield-old")
 }
 
 /// The folder at `partial`, locked for this process until it is dropped.
@@ -148,8 +151,7 @@ fn refuse_foreign(target: &Path, marked: &str) -> Result<()> {
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => true,
         Err(e) => return Err(Error::io(target, "cannot list this folder", e)),
     };
-    let parameters = fs::read(target.join(marked)).unwrap_or_default();
-    if empty || parameters.starts_with(MARK.as_bytes()) {
+    if empty || is_marked(&target.join(marked)) {
         return Ok(());
     }
     Err(Error::request(format!(
@@ -158,9 +160,35 @@ fn refuse_foreign(target: &Path, marked: &str) -> Result<()> {
     )))
 }
 
+/// Whether a file starts with [`MARK`].
+fn is_marked(path: &Path) -> bool {
+    let mut start = Vec::new();
+    let is_file = fs::metadata(path).is_ok_and(|found| found.is_file());
+    let read = |file: File| file.take(MARK.len() as u64).read_to_end(&mut start);
+    is_file && File::open(path).and_then(read).is_ok() && start == MARK.as_bytes()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn folders_of_others_are_left_alone() {
+        let directory = tempfile::tempdir().unwrap();
+        let create = || OutputFolder::create(directory.path(), "DD0000", "DD0000");
+        let file = |folder: &str| {
+            let folder = directory.path().join(folder);
+            fs::create_dir_all(&folder).unwrap();
+            fs::write(folder.join("notes"), "mine").unwrap();
+            folder.join("notes")
+        };
+        let notes = [".DD0000.partial", ".DD0000.old", ".DD0000.deepfield-old"].map(file);
+        assert!(create().err().unwrap().to_string().contains("something else"));
+        for notes in &notes {
+            assert_eq!(fs::read_to_string(notes).unwrap(), "mine");
+        }
+        assert!(!directory.path().join("DD0000").exists());
+    }
 
     #[test]
     fn what_is_being_written_is_left_alone() {
@@ -173,7 +201,7 @@ mod tests {
         let target = first.finish().unwrap();
         assert_eq!(fs::read_to_string(target.join("DD0000")).unwrap(), MARK);
         // What a killed run left is not locked.
-        fs::create_dir(directory.path().join(".DD0000.partial")).unwrap();
+        fs::create_dir(directory.path().join(".DD0000.deepfield-partial")).unwrap();
         drop(create().unwrap());
         assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 1);
     }
@@ -184,7 +212,7 @@ mod tests {
         let create = || OutputFolder::create(directory.path(), "DD0000", "DD0000").unwrap();
         let target = directory.path().join("DD0000");
         // Killed between both renames.
-        let old = directory.path().join(".DD0000.old");
+        let old = directory.path().join(".DD0000.deepfield-old");
         fs::create_dir(&old).unwrap();
         fs::write(old.join("DD0000"), MARK).unwrap();
         drop(create());

@@ -34,7 +34,7 @@ impl Made {
     /// No room for them in the system's folder of temporary files.
     pub(super) fn new() -> Result<Self> {
         let folder = ScratchFolder::new()?;
-        let bar = Bar::new("synth", "grids");
+        let bar = Bar::new("synth", "cells");
         let mut inputs = Vec::new();
         for (format, precision) in LAYOUTS {
             let mut recipe = Recipe::parse(RECIPE, "reading.toml")?.with_format(format)?;

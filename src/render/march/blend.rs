@@ -26,7 +26,8 @@ const EIGHTH_POWER: [f64; DEGREES] = [
     131_072.0 / 32768.0,
 ];
 
-/// A dual cell whose eight cells are not alike: cut at their faces.
+/// A dual cell whose eight cells are not alike: cut at their faces. The way through what was dropped, code
+/// length.
 #[cold]
 pub(super) fn march_mixed(
     brick: &ScaledBrick,
@@ -35,9 +36,9 @@ pub(super) fn march_mixed(
     step: &Step,
     levels: &mut Vec<BlendLevel>,
     integrator: &mut Integrator<'_>,
-) {
+) -> f64 {
     let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
-    let mut cuts = [step.from; 5];
+    let (mut cuts, mut void) = ([step.from; 5], 0.0);
     for a in 0..3 {
         let sigma = (f64::from(step.cell[a]) - origin[a]) / direction[a];
         cuts[a + 1] = if sigma.is_finite() { sigma.clamp(step.from, step.to) } else { step.from };
@@ -52,12 +53,15 @@ pub(super) fn march_mixed(
             cell.clamp(0, brick.edge as i32 - 1) as usize
         });
         let own = &brick.blocks[0];
+        let length = (ends[1] - ends[0]) * ray.length;
         if own.states[own.at(cell.map(|c| c + 1))] & state::VOID == 0 {
             let line = [at(ends[0]), at(ends[1])];
-            let length = (ends[1] - ends[0]) * ray.length;
             LevelBlend::new(brick, drawn, cell, line, length, levels).march(integrator);
+        } else {
+            void += length;
         }
     }
+    void
 }
 
 /// Most kinks looked at: three for each of eight levels.

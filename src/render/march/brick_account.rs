@@ -93,8 +93,9 @@ impl<'a> BrickAccount<'a> {
         self.spread.cells
     }
 
-    /// Adds what rays of the square may see in other cells over a `segment`, of which `touching` code
-    /// lengths, summed over the cell's faces, are within their reach.
+    /// Adds what rays of the square may see in other cells over a `segment` through a constant cell or one
+    /// that was dropped, of which `touching` code lengths, summed over faces of cells, are within their
+    /// reach.
     pub(crate) fn touch(&mut self, touching: f64, segment: PathSegment) {
         let length = segment.length;
         let change = self.group().elsewhere();

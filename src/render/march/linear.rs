@@ -3,7 +3,7 @@
 
 use super::absorb::Integrator;
 use super::blend::{BlendLevel, march_mixed};
-use super::brick_account::BrickAccount;
+use super::brick_account::{BrickAccount, PathSegment};
 use super::ray::{CellRange, DUAL_SHIFT};
 use crate::polynomial::Polynomial;
 use crate::render::bounds::touch::Touch;
@@ -63,15 +63,26 @@ pub(super) fn pass_dual_cell(
     if let Some(account) = account {
         account.enter(step.cell, integrator);
     }
-    match kind {
-        dual::PLAIN => march_plain(brick, ray, step, integrator),
+    let (length, transmittance) =
+        ((step.to - step.from) * ray.length, integrator.state.transmittance);
+    let void = match kind {
+        dual::PLAIN => {
+            march_plain(brick, ray, step, integrator);
+            0.0
+        }
         dual::MIXED | dual::BLENDED => march_mixed(brick, drawn, ray, step, levels, integrator),
-        _ => {}
-    }
+        _ => length,
+    };
     if let Some(account) = account
         && account.is_spread()
     {
         let touch = Touch::new(ray, step, DUAL_SHIFT, account.spread());
+        if void > 0.0 {
+            // Others may be in cells that were kept, behind faces of cells: those of the dual cell, beyond
+            // which are others, and those through its middle.
+            let near = if account.is_wide() { 2.0 } else { touch.faces() + touch.middles() };
+            account.touch(near * length, PathSegment { length: void, transmittance });
+        }
         let (touching, beyond) = if account.is_wide() {
             (1.0, [0.0; 3])
         } else {

@@ -8,6 +8,8 @@ use crate::{Error, Result};
 const MAX_GRID_CELLS: u128 = 1 << 25;
 /// Most grids of the root level: all of these are listed.
 const MAX_ROOT_GRIDS: u128 = 1 << 20;
+/// Most particles of a grid, likewise.
+const MAX_PARTICLES: u32 = 1 << 20;
 
 impl Recipe {
     /// Refuses what cannot be written.
@@ -95,6 +97,9 @@ impl Recipe {
         crate::synth::layout(&output.format)?;
         if output.block.iter().any(|&n| n == 0 || n > 64) {
             return Err(Error::request("output.block: 1 to 64 cells along each axis"));
+        }
+        if output.particles > MAX_PARTICLES {
+            return Err(Error::request(format!("output.particles: at most {MAX_PARTICLES}")));
         }
         if !(output.file_mib > 0.0 && output.file_mib <= 256.0) {
             return Err(Error::request("output.file_mib: more than 0, at most 256"));
