@@ -226,7 +226,10 @@ fn grids_are_compared_where_the_memory_has_room_from_two_cameras() {
             assert!(number(row, "seconds") >= parts - 1e-9, "{row:?}");
         }
     }
-    assert_eq!(names(&plots), ["1-outside.svg", "2-inside.svg", "covering-grid.csv"]);
+    let written =
+        ["1-outside.svg", "2-inside.svg", "covering-grid.csv", "inside.toml", "outside.toml"];
+    assert_eq!(names(&plots), written);
+    assert!(rows.iter().all(|row| Path::new(&row["scene"]).is_file()), "scenes that can be used");
     assert_eq!(std::fs::read_to_string(plots.join("covering-grid.csv")).unwrap(), csv);
 }
 
