@@ -243,7 +243,8 @@ impl View {
     }
 
     /// P and Q at the picture's right and upper edge; the others are their negatives.
-    pub fn plane_half_size(&self) -> DVec2 {
+    #[cfg(test)]
+    pub(super) fn plane_half_size(&self) -> DVec2 {
         self.half
     }
 
@@ -296,7 +297,8 @@ impl View {
 
     /// Height of a pixel's footprint at `depth` (code length along the view direction from the
     /// eye), code length; 0 behind the eye of a perspective view.
-    pub fn pixel_size_at(&self, depth: f64) -> f64 {
+    #[cfg(test)]
+    pub(super) fn pixel_size_at(&self, depth: f64) -> f64 {
         let pixel = self.pixel();
         if self.is_perspective { pixel * depth.max(0.0) } else { pixel }
     }

@@ -29,7 +29,7 @@ const SCOUTING: u64 = 512_000;
 /// so small that all of theirs are few.
 const GLINTS: u64 = 1 << 22;
 const LEAST_GLINT_HALVINGS: u32 = 2;
-const FEW_GLINTS: u64 = 1 << 18;
+const FEW_GLINTS: u64 = 1 << 16;
 const MOST_GLINT_HALVINGS: u32 = 5;
 
 /// Rays for each pixel.
@@ -92,7 +92,7 @@ mod tests {
         let halvings = [63, 256, 1024, 4096, 16_384].map(|n| Effort::of(n).least_halvings);
         assert_eq!(halvings, [3, 3, 2, 1, 0]);
         let glints = [63, 256, 1024, 16_384, 65_536, 262_144].map(|n| Effort::of(n).glint_halvings);
-        assert_eq!(glints, [5, 5, 4, 3, 3, 2]);
+        assert_eq!(glints, [5, 4, 3, 3, 3, 2]);
         for size in [63, 4096, 65_536, 262_144, 1_000_000] {
             let Effort { most_alone, most, .. } = Effort::of(size);
             assert!(most_alone * size <= MOST_ALONE && most * size <= MOST, "{size}");
