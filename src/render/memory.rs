@@ -305,7 +305,8 @@ mod tests {
                     let held = plan.reserve(&budget).unwrap();
                     let sum: u64 = held.iter().map(Reservation::bytes).sum();
                     prop_assert!(sum + budget.available() == limit);
-                    prop_assert!(plan.slots >= least.slots && plan.slots <= different);
+                    // A byte more may go to a window or to thinner bricks in place of a slot.
+                    prop_assert!(plan.slots >= fewest && plan.slots <= different);
                     let all = plan.slots == different;
                     prop_assert!(all || budget.available() < demand.slot + MEBIBYTE);
                 }
