@@ -6,8 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::File;
 use crate::Result;
 
-/// Most files kept open: a run can have thousands.
-const MOST_OPEN: usize = 16;
+/// Most files kept open, each with decoded values: a run can have thousands.
+const MOST_OPEN: usize = 8;
 /// Bytes that open files keep of decoded values, at most; those of one file, if it keeps more.
 const MOST_CACHED: usize = 64 << 20;
 /// Files are opened afresh after this many uses, because the library remembers every object it
