@@ -26,5 +26,6 @@ pub mod space;
 mod spelling;
 mod sum;
 pub mod synth;
+mod text_file;
 
 pub use error::{Error, Result};

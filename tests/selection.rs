@@ -402,6 +402,19 @@ fn what_digits_make_is_told_before_rays_are_marched() {
 }
 
 #[test]
+fn help_names_all_formats() {
+    let set = Set::new("small");
+    let none = [&"info" as &dyn AsRef<_>, &set.source, &"--format", &"none"];
+    let told = run(&none).failed();
+    let known: Vec<_> = told.trim().split_once("there are ").unwrap().1.split(", ").collect();
+    assert!(known.len() >= 5, "{told}");
+    for command in ["ingest", "info"] {
+        let help = run(&[&command, &"--help"]).done();
+        assert!(known.iter().all(|name| help.contains(name)), "{known:?} in {help}");
+    }
+}
+
+#[test]
 fn info_reads_within_a_limit() {
     let set = Set::new("small");
     let limited = |limit: &str| run(&[&"info", &set.source, &"--json", &"--memory", &limit]);

@@ -1,6 +1,5 @@
 //! `deepfield synth`.
 
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -9,7 +8,7 @@ use super::output::Output;
 use super::progress::Bar;
 use super::{size, values};
 use crate::synth::{self, Recipe};
-use crate::{Error, Result};
+use crate::{Result, text_file};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -59,16 +58,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 const MAX_RECIPE_BYTES: u64 = 1 << 20;
 
 fn load(path: &Path) -> Result<Recipe> {
-    let failed = |source| Error::io(path, "cannot read the recipe", source);
-    let mut bytes = Vec::new();
-    let file = std::fs::File::open(path).map_err(failed)?;
-    file.take(MAX_RECIPE_BYTES + 1).read_to_end(&mut bytes).map_err(failed)?;
-    if bytes.len() as u64 > MAX_RECIPE_BYTES {
-        return Err(Error::invalid(path.display(), "a recipe is at most 1 MiB long"));
-    }
-    let text = String::from_utf8(bytes).map_err(|error| {
-        let at = error.utf8_error().valid_up_to();
-        Error::invalid(path.display(), format!("not a recipe: byte {at} is not UTF-8 text"))
-    })?;
+    let text = text_file::read(path, "recipe", MAX_RECIPE_BYTES)?;
     Recipe::parse(&text, path.display())
 }

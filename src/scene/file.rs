@@ -1,7 +1,5 @@
 //! The scene file.
 
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 use toml::de::DeTable;
@@ -10,10 +8,12 @@ use super::camera::{self, CameraSettings};
 use super::entry::{Entry, Table, Text};
 use super::render::{self, RenderSettings};
 use super::volume::{self, VolumeSettings};
-use crate::{Error, Result};
+use crate::{Error, Result, text_file};
 
 /// Largest scene file that is read.
 pub const MAX_SCENE_BYTES: u64 = 16 << 20;
+/// What messages call it.
+const WHAT: &str = "scene file";
 /// Most signs and blanks of a scene file. Every number, word and bracket of a TOML text takes about
 /// 150 bytes while it is parsed; digits do not, so positions may be as long as the file.
 const MAX_SCENE_SIGNS: usize = 160_000;
@@ -88,19 +88,8 @@ impl Scene {
     /// of [`Self::parse`].
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        let cannot_read = |error| Error::io(path, "cannot read the scene", error);
-        let file = File::open(path).map_err(cannot_read)?;
-        let mut bytes = Vec::new();
-        file.take(MAX_SCENE_BYTES + 1).read_to_end(&mut bytes).map_err(cannot_read)?;
-        let place = path.display().to_string();
-        if bytes.len() as u64 > MAX_SCENE_BYTES {
-            return Err(too_large(&place));
-        }
-        let text = String::from_utf8(bytes).map_err(|error| {
-            let at = error.utf8_error().valid_up_to();
-            Error::invalid(&place, format!("not a scene file: byte {at} is not UTF-8 text"))
-        })?;
-        Self::parse(&text, &place)
+        let text = text_file::read(path, WHAT, MAX_SCENE_BYTES)?;
+        Self::parse(&text, &path.display().to_string())
     }
 
     /// Parses the text of a scene file; `place` is what messages call it.
@@ -110,7 +99,7 @@ impl Scene {
     /// the message has line, key and what is expected there.
     pub fn parse(text: &str, place: &str) -> Result<Self> {
         if text.len() as u64 > MAX_SCENE_BYTES {
-            return Err(too_large(place));
+            return Err(text_file::too_large(place, WHAT, MAX_SCENE_BYTES));
         }
         check_signs(text, place)?;
         let lines = Text { place, source: text };
@@ -170,11 +159,6 @@ fn check_signs(text: &str, place: &str) -> Result<()> {
     let reason =
         format!("more than {MAX_SCENE_SIGNS} signs and blanks; a scene file is a short TOML text");
     Err(Error::invalid(place, reason))
-}
-
-fn too_large(place: &str) -> Error {
-    let limit = MAX_SCENE_BYTES >> 20;
-    Error::invalid(place, format!("larger than {limit} MiB; a scene file is a short TOML text"))
 }
 
 /// A text to be quoted, if it is within one line and short.

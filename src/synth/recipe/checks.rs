@@ -8,7 +8,7 @@ use crate::{Error, Result};
 const MAX_GRID_CELLS: u128 = 1 << 25;
 /// Most grids of the root level: all of these are listed.
 const MAX_ROOT_GRIDS: u128 = 1 << 20;
-/// Most particles of a grid, likewise.
+/// Most particles of one grid: they are built in memory too.
 const MAX_PARTICLES: u32 = 1 << 20;
 
 impl Recipe {
