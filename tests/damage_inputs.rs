@@ -44,9 +44,12 @@ struct Dump {
 
 impl Dump {
     fn new(format: &str) -> Self {
+        Self::of(&format!("{RECIPE}format = \"{format}\"\n"))
+    }
+
+    fn of(recipe: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let recipe = format!("{RECIPE}format = \"{format}\"\n");
-        let recipe = Recipe::parse(&recipe, "recipe").unwrap();
+        let recipe = Recipe::parse(recipe, "recipe").unwrap();
         let written = synth::write(&recipe, &folder.path().join("run"), &mut |_, _| {}).unwrap();
         std::fs::create_dir(folder.path().join("out")).unwrap();
         Self { folder, parameters: written.input }
@@ -155,6 +158,19 @@ fn with(grid: &str, key: &str, value: &str) -> String {
 fn value<'g>(grid: &'g str, key: &str) -> &'g str {
     let of = |line: &'g str| line.split_once('=').filter(|(name, _)| name.trim() == key);
     grid.lines().find_map(of).unwrap().1.trim()
+}
+
+#[test]
+fn a_root_grid_that_lacks_whole_bricks_is_refused() {
+    let _alone = ALONE.lock().unwrap();
+    let dump = Dump::of(
+        "[domain]\nleft = [0, 0, 0]\nright = [1, 1, 1]\nroot = [64, 64, 64]\ntiles = [2, 2, 2]\n\
+         [[density]]\nkind = \"constant\"\nvalue = 1.0\n",
+    );
+    dump.ingest().unwrap();
+    dump.edit_hierarchy(|text| grids(text)[1..].concat());
+    let line = dump.refused();
+    assert!(line.ends_with("no grid covers root cell [0, 0, 0]"), "{line}");
 }
 
 #[test]

@@ -137,15 +137,16 @@ impl Assembler<'_> {
         Ok(())
     }
 
-    /// The root grid must cover the domain: whatever lies above it is averaged from it.
+    /// The root grid must cover the domain. Where it lacks whole bricks, averages above it are missing.
     fn check_complete(&self, job: &Job, draft: &Draft) -> Result<()> {
-        let missing = (job.octree == 0).then(|| draft.states.iter().position(|&bits| bits == 0));
+        let missing = (job.octree <= 0).then(|| draft.states.iter().position(|&bits| bits == 0));
         match missing.flatten() {
             None => Ok(()),
-            Some(at) => Err(Error::invalid(
-                &self.place,
-                format!("no grid covers root cell {:?}", draft.cell(at)),
-            )),
+            Some(at) => {
+                let root_cell = draft.cell(at).map(|c| c << job.octree.unsigned_abs());
+                let reason = format!("no grid covers root cell {root_cell:?}");
+                Err(Error::invalid(&self.place, reason))
+            }
         }
     }
 

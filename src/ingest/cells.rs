@@ -51,7 +51,7 @@ impl<'s> SourceCells<'s> {
         fields: &'s [usize],
         memory: usize,
     ) -> Self {
-        let records = LoadCache::new(256 << 10);
+        let records = LoadCache::new(1 << 20);
         Self { source, grids, fields, records, chunks: LoadCache::new(memory) }
     }
 

@@ -31,6 +31,13 @@ struct Entry<V> {
 }
 
 impl<K: Eq + Hash + Copy, V> LoadCache<K, V> {
+    /// Bytes that an entry takes beside what its value says: its places in the map and in the order, both
+    /// with room to grow, and four allocations.
+    const ENTRY_BYTES: usize = 2 * (size_of::<(K, Entry<V>)>() + size_of::<(u64, K)>())
+        + size_of::<OnceLock<Result<Arc<V>>>>()
+        + size_of::<V>()
+        + 4 * 32;
+
     /// An empty cache that keeps up to `limit` bytes.
     pub(super) fn new(limit: usize) -> Self {
         let (known, order) = (HashMap::new(), BTreeMap::new());
@@ -48,7 +55,7 @@ impl<K: Eq + Hash + Copy, V> LoadCache<K, V> {
     ) -> Result<Arc<V>> {
         let slot = {
             let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
-            entries.slot(key, bytes, self.limit)
+            entries.slot(key, bytes + Self::ENTRY_BYTES, self.limit)
         };
         let loaded = slot.get_or_init(|| load().map(Arc::new));
         loaded.as_ref().map(Arc::clone).map_err(Error::again)
@@ -94,7 +101,7 @@ mod tests {
 
     #[test]
     fn values_are_loaded_once_while_they_stay_and_room_is_bounded() {
-        let cache = LoadCache::new(4 * 10);
+        let cache = LoadCache::new(4 * (10 + LoadCache::<u32, u32>::ENTRY_BYTES));
         let loads = std::cell::Cell::new(0);
         let get = |key: u32| {
             *cache
@@ -117,7 +124,7 @@ mod tests {
 
     #[test]
     fn what_was_used_last_is_given_up_last() {
-        let cache = LoadCache::new(200);
+        let cache = LoadCache::new(20 * (10 + LoadCache::<u32, u32>::ENTRY_BYTES));
         let mut loads = 0;
         // A walk that returns to each key 9 steps later, and in between uses 18 others.
         for step in 0..1000_u32 {

@@ -1,31 +1,36 @@
 //! How far a brick's interpolant is from its parent's: an upper bound, from the payload alone.
 
 mod borders;
+mod chain;
 mod lattice;
 mod scale;
 
-use crate::cache::{Block, BrickShape, RawBrick, state, visit_outside};
+use crate::cache::{BrickShape, RawBrick};
 
 use borders::Borders;
+use chain::Chain;
 use lattice::Lattice;
 pub(super) use scale::Scale;
 
-/// Where in a brick F_l − F_{l−1} is known closely, and where only bounded; `F` as in
-/// `docs/ARCHITECTURE.md`, "Across levels".
+/// F_l − F_{l−1} in a brick of level l, bounded; `F`, `T` and `w` as in `docs/ARCHITECTURE.md`,
+/// "Across levels".
 ///
-/// Where every cell around exists on both levels, F_l = T_l and F_{l−1} = T_{l−1}: both are
-/// trilinear between half-integer coordinates of the finer level, so their difference takes its
-/// extremes there, and is evaluated. Elsewhere both are convex combinations of values nearby,
-/// whose range bounds it. Cells outside the domain are what the nearest ones inside are.
+/// Holes are filled with the coarser T at their centres. So where every cell around exists on the
+/// coarser level, F_{l−1} = T_{l−1}, and F_l − F_{l−1} is w_l times T_l − T_{l−1}, at most. Both T are
+/// trilinear between half-integer coordinates of the finer level, so that their difference takes its
+/// extremes there, and is evaluated. Beside holes of the coarser level F_{l−1} fades on to F_{l−2}:
+/// T_l − F_{l−1} is at most T_l − T_{l−1} and T_{l−1} − T_{l−2} together, and so on up to a level
+/// without holes there. Where the payload's blocks are too coarse to be told from each other, both F
+/// are convex combinations of values nearby, whose range bounds it. Cells outside the domain are what
+/// the nearest ones inside are.
 ///
 /// The memory is reused from brick to brick.
 #[derive(Debug, Default)]
 pub(super) struct Residual {
     lattice: Lattice,
+    chain: Chain,
     borders: Borders,
     has_nan: bool,
-    /// The brick's own block and its parent's, with something in the place of cells outside.
-    pair: [Block; 2],
 }
 
 impl Residual {
@@ -38,29 +43,38 @@ impl Residual {
         let edge = shape.edge();
         self.has_nan = has_nan;
         self.borders.clear();
+        self.chain.begin(raw);
         self.lattice.begin(edge);
-        self.pair.iter_mut().zip(&raw.blocks).for_each(|(own, block)| take(own, block));
         let rows = (0..edge * edge).map(|at| [at % edge, at / edge]);
-        if self.pair.iter().all(is_complete) {
+        if self.chain.is_complete() {
             rows.for_each(|row| self.lattice.push(Borders::existing(raw, row)));
         } else {
-            self.borders.look_at(&self.pair);
+            self.borders.look_at(self.chain.pair());
+            let side = raw.blocks[0].side;
+            self.chain.keep_holes(|at| self.borders.is_near_cells(side, at));
             for row in rows {
-                let existing = Borders::existing(raw, row);
-                let inside = self.borders.inside(raw, row) & existing;
-                self.lattice.push(inside);
-                self.add_borders(raw, row, existing & !inside);
+                self.look_at_row(raw, row);
             }
+            self.chain.end(raw);
         }
         self.lattice.end();
         true
     }
 
-    /// Adds those of a row's cells, a bit each, that lie beside borders.
-    fn add_borders(&mut self, raw: &RawBrick, [y, z]: [usize; 2], mut cells: u32) {
-        while cells != 0 {
-            self.borders.add(raw, [cells.trailing_zeros() as usize, y, z]);
-            cells &= cells - 1;
+    fn look_at_row(&mut self, raw: &RawBrick, row: [usize; 2]) {
+        let existing = Borders::existing(raw, row);
+        let inside = self.borders.inside(raw, row) & existing;
+        let mut beside = existing & !inside;
+        let is_evaluated = Chain::reaches_up(raw);
+        self.lattice.push(if is_evaluated { existing } else { inside });
+        while beside != 0 {
+            let cell = [beside.trailing_zeros() as usize, row[0], row[1]];
+            if is_evaluated {
+                self.chain.fades(cell);
+            } else {
+                self.borders.add(raw, cell);
+            }
+            beside &= beside - 1;
         }
     }
 
@@ -70,30 +84,17 @@ impl Residual {
         if self.has_nan {
             return f64::INFINITY;
         }
-        let [fine, coarse] = &self.pair;
-        let inside = self.lattice.difference(fine, coarse, scale);
-        self.borders.spread(scale).max(inside)
+        self.chain.map(scale);
+        let [fine, coarse] = self.chain.mapped();
+        let evaluated = self.lattice.difference(fine, coarse) + self.chain.beyond();
+        self.borders.spread(scale).max(evaluated)
     }
-}
-
-/// Takes over a block, its cells outside the domain as the nearest ones inside.
-fn take(own: &mut Block, block: &Block) {
-    own.side = block.side;
-    own.values.clone_from(&block.values);
-    own.states.clone_from(&block.states);
-    visit_outside(block.side, &block.states, |at, nearest| {
-        own.values[at] = block.values[nearest];
-        own.states[at] = block.states[nearest];
-    });
-}
-
-fn is_complete(block: &Block) -> bool {
-    block.states.iter().fold(state::EXISTS, |all, bits| all & bits) != 0
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cache::{Block, state};
 
     const EDGE: usize = 8;
 

@@ -165,19 +165,23 @@ impl<B> Clock<B> {
         Some(claim)
     }
 
-    /// A slot whose brick no turn to come needs.
+    /// A slot whose brick no turn to come needs; notes of those that are still in use are kept.
     fn take_over(&mut self) -> Option<Claim<B>> {
+        let (mut over, mut in_use) = (None, Vec::new());
         while let Some(&Reverse((last_turn, place))) = self.turns.peek() {
-            if !self.is_over(last_turn) {
-                return None;
+            if over.is_some() || !self.is_over(last_turn) {
+                break;
             }
             self.turns.pop();
             let slot = self.slots.get_mut(place).filter(|slot| slot.last_turn == last_turn);
-            if slot.and_then(Slot::alone).is_some() {
-                return self.empty(place);
+            match slot.map(|slot| slot.alone().is_some()) {
+                Some(true) => over = Some(place),
+                Some(false) => in_use.push(Reverse((last_turn, place))),
+                None => {}
             }
         }
-        None
+        self.turns.extend(in_use);
+        self.empty(over?)
     }
 
     fn take_unused(&mut self, steps: usize) -> Option<Claim<B>> {

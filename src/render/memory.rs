@@ -13,6 +13,9 @@ use crate::render::film::Film;
 use crate::render::renderer::TILE_BYTES;
 use crate::render::tiles::refine::Sheet;
 use crate::render::tiles::tile::Tile;
+use crate::render::transfer::pieces::TransferPieces;
+use crate::render::transfer::shading::Shading;
+use crate::render::transfer::table::TransferTable;
 use crate::scene::Interpolation;
 use crate::{Error, Result};
 
@@ -70,6 +73,8 @@ struct Demand {
     levels: u64,
     /// Bricks in the cache.
     bricks: u64,
+    /// The transfer function.
+    transfer: u64,
     /// Windows that hold the whole index, and bytes of its page checksums.
     index_windows: u64,
     page_table: u64,
@@ -90,18 +95,19 @@ pub(crate) fn loaded_bytes(shape: BrickShape, blocks: usize, interpolation: Inte
 }
 
 impl MemoryPlan {
-    /// The plan of a picture of `pixels` from `cache` under `interpolation`, within the limit of
+    /// The plan of a picture of `pixels` that shows `shading` of `cache`, within the limit of
     /// `options`.
     ///
     /// # Errors
     /// A limit that is too small: the message names the smallest that works, in MiB.
     pub(crate) fn new(
         cache: &Cache,
-        interpolation: Interpolation,
+        shading: &Shading,
         pixels: &PixelGrid,
         options: &RenderOptions<'_>,
     ) -> Result<Self> {
-        let header = cache.header();
+        let (header, interpolation) = (cache.header(), shading.interpolation);
+        let transfer = transfer_bytes(shading.transfer.knots().len());
         let blocks = usize::from(header.max_parent_blocks) + 1;
         let index_bytes = header.index_pages.saturating_mul(PAGE_BYTES as u64);
         let demand = |threads: usize| Demand {
@@ -112,6 +118,7 @@ impl MemoryPlan {
             readers: threads.clamp(1, MAX_READERS) as u64,
             levels: header.levels.len() as u64,
             bricks: header.nodes(),
+            transfer,
             index_windows: index_bytes.div_ceil(WINDOW_BYTES),
             page_table: header.index_pages.saturating_mul(8),
             scratch: BrickScratch::bytes(cache),
@@ -187,8 +194,11 @@ fn writing(demand: &Demand) -> u64 {
     u64::from(demand.width) * WRITING_PER_COLUMN + WRITING_FIXED
 }
 
-/// Pieces and tables of a transfer function, twice while a glance is taken.
-const TRANSFER_BYTES: u64 = 2 << 20;
+/// The transfer function of a scene: as it is, as the picture has it, and for packets, of which new ones
+/// are made beside those that are there.
+fn transfer_bytes(knots: usize) -> u64 {
+    4 * TransferPieces::bytes(knots) + 2 * TransferTable::bytes(knots)
+}
 
 fn fixed_parts(demand: &Demand) -> Vec<(&'static str, u64)> {
     let Demand { threads, readers, .. } = *demand;
@@ -201,7 +211,7 @@ fn fixed_parts(demand: &Demand) -> Vec<(&'static str, u64)> {
         ("the reading threads", readers.saturating_mul(thread)),
         ("the index' checksums", demand.page_table),
         ("the counters", Counters::bytes(demand.bricks)),
-        ("the transfer function", TRANSFER_BYTES),
+        ("the transfer function", demand.transfer),
     ]
 }
 
@@ -241,6 +251,7 @@ mod tests {
             readers: threads.min(4),
             levels,
             bricks: cache.0,
+            transfer: cache.2,
             index_windows: cache.1,
             page_table: cache.1 * 32,
             scratch: cache.2,
@@ -267,6 +278,7 @@ mod tests {
             tiles: 510,
             levels: 14,
             bricks: 100_000,
+            transfer: 2 << 20,
             index_windows: 100,
             page_table: 3200,
             scratch: 1 << 20,

@@ -112,7 +112,7 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     let by_hand = |fixed: FixedSetting| Samples::Grid(fixed.rays_per_axis);
     let samples = options.fixed.map_or(scene.render.samples, by_hand);
     let pixels = PixelGrid::new(&view, samples).among(header.nodes());
-    let plan = MemoryPlan::new(cache, shading.interpolation, &pixels, options)?;
+    let plan = MemoryPlan::new(cache, &shading, &pixels, options)?;
     let threads = plan.threads;
     let reserved = plan.reserve(&Budget::new(options.memory))?;
     cache.set_index_windows(plan.windows);

@@ -1,4 +1,4 @@
-//! Cells beside borders: the ranges of the values that interpolants draw on there.
+//! Cells beside borders of the coarser level: the ranges of the values that interpolants draw on there.
 
 use super::scale::Scale;
 use crate::cache::{Block, RawBrick, state};
@@ -22,20 +22,27 @@ impl Borders {
 
     /// Looks at a brick's own block and its parent's, with something in the place of cells outside
     /// the domain.
-    pub(super) fn look_at(&mut self, pair: &[Block; 2]) {
+    pub(super) fn look_at(&mut self, pair: [&Block; 2]) {
         for (around, block) in self.around.iter_mut().zip(pair) {
             Width::best().run(LookAround { around, block });
         }
     }
 
-    /// Which cells of a row along x, counted from the brick's lowest, have only cells around them
-    /// and their parents that exist: a bit each.
+    /// Which cells of a row along x, counted from the brick's lowest, have only cells around their
+    /// parents that exist: a bit each.
     pub(super) fn inside(&self, raw: &RawBrick, [y, z]: [usize; 2]) -> u32 {
         let edge = raw.blocks[0].side - 2;
-        let [own, above] = places(raw, [0, y, z]);
-        let own = lowest_bits(&self.around[0].kinds[own..own + edge]);
+        let [_, above] = places(raw, [0, y, z]);
         let above = lowest_bits(&self.around[1].kinds[above..above + edge / 2]);
-        !(own | doubled(above)) & (u32::MAX >> (u32::BITS as usize - edge))
+        !doubled(above) & (u32::MAX >> (u32::BITS as usize - edge))
+    }
+
+    /// Whether cells exist around place `at` of the brick's own block, `side` cells wide, or it is one of
+    /// its ghosts.
+    pub(super) fn is_near_cells(&self, side: usize, at: usize) -> bool {
+        let is_ghost = |c: usize| c == 0 || c == side - 1;
+        let cell = [at % side, at / side % side, at / side / side];
+        self.around[0].least[at] < f32::INFINITY || cell.into_iter().any(is_ghost)
     }
 
     /// The cells of a row along x that exist, likewise.
@@ -44,9 +51,9 @@ impl Borders {
         lowest_bits(&raw.blocks[0].states[own..own + raw.blocks[0].side - 2])
     }
 
-    /// Adds a cell beside a border: what both interpolants draw on are the cells around it on
-    /// both levels and, while there are holes among those, the parents' of these and theirs
-    /// around.
+    /// Adds a cell beside a border of the coarser level: what both interpolants draw on are the cells
+    /// around it on both levels and, while there are holes among those, the parents' of these and
+    /// theirs around.
     pub(super) fn add(&mut self, raw: &RawBrick, cell: [usize; 3]) {
         let mut range = [f32::INFINITY, f32::NEG_INFINITY];
         let places = places(raw, cell);

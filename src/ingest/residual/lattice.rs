@@ -1,7 +1,5 @@
 //! The difference of two trilinear interpolants at the points where it takes its extremes.
 
-use super::scale::Scale;
-use crate::cache::Block;
 use crate::lanes::{Kernel, Lanes, Width};
 
 /// The points at half-integer coordinates in a brick, (2B + 1)³, and which of them count. Memory
@@ -74,17 +72,16 @@ impl Lattice {
         }
     }
 
-    /// Largest |T_l − T_{l−1}| over the points that count, of values mapped by `scale`.
-    pub(super) fn difference(&mut self, fine: &Block, coarse: &Block, scale: Scale) -> f64 {
+    /// Largest |T_l − T_{l−1}| over the points that count, of mapped values of both blocks.
+    pub(super) fn difference(&mut self, fine: &[f64], coarse: &[f64]) -> f64 {
         if self.rows.is_empty() {
             return 0.0;
         }
-        scale.map(&fine.values, &mut self.fine.mapped);
-        scale.map(&coarse.values, &mut self.coarse.mapped);
+        let values = [fine, coarse];
         match self.edge {
-            8 => Width::best().run(Difference::<4, 20>(self)),
-            16 => Width::best().run(Difference::<8, 36>(self)),
-            _ => Width::best().run(Difference::<16, 68>(self)),
+            8 => Width::best().run(Difference::<4, 20> { lattice: self, values }),
+            16 => Width::best().run(Difference::<8, 36> { lattice: self, values }),
+            _ => Width::best().run(Difference::<16, 68> { lattice: self, values }),
         }
     }
 }
@@ -92,7 +89,6 @@ impl Lattice {
 /// A block's values, interpolated along x, then along y.
 #[derive(Debug, Default)]
 struct Columns {
-    mapped: Vec<f64>,
     along_x: Vec<f64>,
     along_y: Vec<f64>,
 }
@@ -100,17 +96,20 @@ struct Columns {
 /// Bricks of 2K cells, in rows of `ROW` points along x: the 4K + 1 and some zeros. Points come by
 /// where they lie in a coarser cell, so that their neighbours of either level lie side by side:
 /// the K at each of its quarters, half and three quarters, then the K + 1 at its faces.
-struct Difference<'l, const K: usize, const ROW: usize>(&'l mut Lattice);
+struct Difference<'l, const K: usize, const ROW: usize> {
+    lattice: &'l mut Lattice,
+    values: [&'l [f64]; 2],
+}
 
 impl<const K: usize, const ROW: usize> Kernel for Difference<'_, K, ROW> {
     type Output = f64;
 
     #[inline(always)]
     fn run<L: Lanes>(self, _: L) -> f64 {
-        let Lattice { rows, fine, coarse, .. } = self.0;
-        fine_along_x::<K, ROW>(&fine.mapped, &mut fine.along_x);
+        let Lattice { rows, fine, coarse, .. } = self.lattice;
+        fine_along_x::<K, ROW>(self.values[0], &mut fine.along_x);
         faces_along_y::<K, ROW>(&fine.along_x, &mut fine.along_y);
-        coarse_along_x::<K, ROW>(&coarse.mapped, &mut coarse.along_x);
+        coarse_along_x::<K, ROW>(self.values[1], &mut coarse.along_x);
         coarse_along_y::<K, ROW>(&coarse.along_x, &mut coarse.along_y);
         largest::<K, ROW>(rows, fine, coarse)
     }
@@ -185,7 +184,7 @@ fn coarse_along_y<const K: usize, const ROW: usize>(along_x: &[f64], along_y: &m
 
 /// Along one axis: the coarser value at a point is `weights · values[first ..= first + 1]`.
 #[inline(always)]
-fn coarse_tap(h: usize) -> (usize, [f64; 2]) {
+pub(super) fn coarse_tap(h: usize) -> (usize, [f64; 2]) {
     match h % 4 {
         0 => (h / 4, [0.5, 0.5]),
         1 => (h / 4, [0.25, 0.75]),
@@ -262,11 +261,16 @@ fn points_of<const K: usize, const ROW: usize>(cells: u32) -> [u64; ROW] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cache::Block;
 
     fn block(side: usize, seed: u64) -> Block {
         let value = |i: u64| (((i + 7) * seed) % 1009) as f32 / 100.0;
         let values: Vec<f32> = (0..side.pow(3) as u64).map(value).collect();
         Block { side, states: vec![1; values.len()], values }
+    }
+
+    fn wide(block: &Block) -> Vec<f64> {
+        block.values.iter().copied().map(f64::from).collect()
     }
 
     fn lattice(edge: usize, cells: impl Fn(usize, usize) -> u32) -> Lattice {
@@ -325,7 +329,7 @@ mod tests {
                 let cells = |y: usize, z: usize| kind(y, z) & (u32::MAX >> (32 - edge));
                 let (fine, coarse) = (block(edge + 2, seed), block(edge / 2 + 2, seed + 4));
                 let expected = plainly(edge, cells, [&fine, &coarse]);
-                let found = lattice(edge, cells).difference(&fine, &coarse, Scale::Linear);
+                let found = lattice(edge, cells).difference(&wide(&fine), &wide(&coarse));
                 assert!((found - expected).abs() <= 1e-12 * expected, "{edge}, {seed}");
                 assert!(expected > 1.0);
             }
@@ -337,13 +341,10 @@ mod tests {
         let (fine, mut coarse) = (block(10, 0), block(6, 0));
         coarse.values[3 * 36 + 3 * 6 + 3] = 8.0;
         let one = |x: u32, at: usize| {
-            lattice(8, move |y, z| if y == at && z == at { 1 << x } else { 0 }).difference(
-                &fine,
-                &coarse,
-                Scale::Linear,
-            )
+            lattice(8, move |y, z| if y == at && z == at { 1 << x } else { 0 })
+                .difference(&wide(&fine), &wide(&coarse))
         };
-        assert_eq!(lattice(8, |_, _| 0).difference(&fine, &coarse, Scale::Linear), 0.0);
+        assert_eq!(lattice(8, |_, _| 0).difference(&wide(&fine), &wide(&coarse)), 0.0);
         assert_eq!(one(0, 0), 0.0);
         // A corner of this cell is the centre of the coarser cell that differs.
         assert_eq!(one(4, 4), 8.0);

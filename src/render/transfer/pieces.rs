@@ -24,6 +24,12 @@ pub(crate) struct PieceList {
 }
 
 impl PieceList {
+    /// Bytes that a list of `count` pieces takes, at most: vectors are grown to twice what they hold.
+    fn bytes(count: usize) -> u64 {
+        let each = 2 * size_of::<Piece>() + 2 * size_of::<Span>();
+        (count * each + BUCKETS * size_of::<u32>()) as u64
+    }
+
     fn new(cuts: &[f64], sample: &impl Fn(f64) -> (f64, [f64; 3])) -> Self {
         let mut pieces = vec![Piece::constant(f64::NEG_INFINITY, 0.0, sample(0.0))];
         pieces.extend(cuts.windows(2).map(|ends| Piece::between(ends[0], ends[1], sample)));
@@ -169,6 +175,17 @@ pub(crate) struct TransferPieces {
 }
 
 impl TransferPieces {
+    /// Bytes that a function with so many [`TransferFunction::knots`] takes in pieces, at most.
+    pub(crate) fn bytes(knots: usize) -> u64 {
+        2 * PieceList::bytes(Self::most(knots))
+    }
+
+    /// Pieces of a function with so many knots, at most: between these and entries of a colour map,
+    /// and beyond both ends.
+    pub(super) fn most(knots: usize) -> usize {
+        knots + COLOR_MAP_ENTRIES as usize + 3
+    }
+
     /// Cuts `transfer` into its pieces, those of a named colour map included; `allowed` is the
     /// largest deviation of the emission where the extinction is at least what it is given.
     pub(crate) fn new(transfer: &TransferFunction, allowed: impl Fn(f64) -> f64) -> Self {
@@ -266,6 +283,8 @@ mod tests {
             let map = ColorTable::Map(ColorMap::named("inferno").unwrap());
             let transfer = function(&map);
             let pieces = TransferPieces::new(&transfer, |_| 1e-3);
+            let most = TransferPieces::most(transfer.knots().len());
+            prop_assert!(pieces.all.count() <= most && most < 2 * pieces.all.count());
             let knot = [0.1, 0.25, 0.3, 0.7, 0.9, 1.0, 0.0, 1.0 / 255.0, 128.0 / 255.0, 2.0][near];
             for x in [random, knot, knot.next_up()] {
                 let (piece, cut) = (pieces.all.at(x), pieces.merged.at(x));

@@ -2,7 +2,7 @@
 //! packets of rays look up.
 
 use super::piece::Piece;
-use super::pieces::PieceList;
+use super::pieces::{PieceList, TransferPieces};
 use super::rounded::up;
 use super::run_tree::{Run, RunTree};
 use super::span::Smoothness;
@@ -142,6 +142,15 @@ impl TransferTable {
     /// Number of bins over [0, 1].
     pub(crate) const BINS: f32 = BINS as f32;
 
+    /// Bytes that the table of a function with so many knots takes, at most, and what making it does.
+    pub(crate) fn bytes(knots: usize) -> u64 {
+        let bin = size_of::<f32>() + 2 * size_of::<[f32; 8]>() + 3 * size_of::<Deviation>();
+        let rows: usize = Bends::REACHES.iter().map(|reach| near_count(*reach)).sum();
+        let rows = 2 * rows + KINK_PARTS + 4;
+        let steps = TransferPieces::most(knots) * size_of::<(f64, [f32; 4])>();
+        ((BINS + 1) * bin + rows * size_of::<[f32; 4]>() + steps) as u64
+    }
+
     /// The table of `pieces`, which leave nothing out; its bends are bounded by `merged`.
     pub(crate) fn new(pieces: &PieceList, merged: &PieceList) -> Self {
         let (span, scales) = (pieces.over(0.0, 1.0), pieces.scales());
@@ -280,7 +289,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::render::transfer::pieces::TransferPieces;
     use crate::scene::{ColorMap, ColorTable, PiecewiseLinear, TransferFunction};
 
     fn function() -> TransferFunction {

@@ -14,6 +14,8 @@ const BATCH: u64 = 4096;
 const ROW: usize = 6;
 /// How far a root block may lie from its place, in root blocks.
 const ROOT_TOLERANCE: f64 = 0.01;
+/// The same where few digits of its edges tell more.
+const MOST_ROUNDED: f64 = 0.25;
 /// How far any block may lie from its place, in its own width.
 const TOLERANCE: f64 = 0.1;
 
@@ -78,7 +80,10 @@ impl<'a> Boxes<'a> {
             let at = (edges[2 * axis] - left) / width * f64::from(self.root_blocks[axis]);
             let rounded = at.round();
             let inside = (0.0..f64::from(self.root_blocks[axis])).contains(&rounded);
-            if !inside || (at - rounded).abs() > ROOT_TOLERANCE {
+            let block = width / f64::from(self.root_blocks[axis]);
+            let digits = rounding(edges[2 * axis]) * (left.abs() + width) / block;
+            let tolerance = ROOT_TOLERANCE.max(digits.min(MOST_ROUNDED));
+            if !inside || (at - rounded).abs() > tolerance {
                 return Err(Refusal::Misfit(format!(
                     "has no parent, but its left edge {} along {} is none of the {} root blocks'",
                     edges[2 * axis],

@@ -6,10 +6,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::File;
 use crate::Result;
 
-/// Most files kept open, each with decoded values: a run can have thousands.
-const MOST_OPEN: usize = 8;
+/// Most files kept open: a run can have thousands.
+const MOST_OPEN: usize = 64;
 /// Bytes that open files keep of decoded values, at most; those of one file, if it keeps more.
-const MOST_CACHED: usize = 64 << 20;
+const MOST_CACHED: usize = 32 << 20;
 /// Files are opened afresh after this many uses, because the library remembers every object it
 /// has met (about 2 kB each) for as long as the file is open.
 const MOST_USES: u32 = 1024;
@@ -28,11 +28,14 @@ struct State {
 }
 
 impl State {
-    /// Closes the longest unused files if all keep too much.
+    /// Closes the longest unused of the files that keep decoded values, if all keep too much.
     fn close_some(&mut self) {
         let mut kept: usize = self.files.iter().map(|(_, file)| file.cached_bytes()).sum();
-        while kept > MOST_CACHED && self.files.len() > 1 {
-            kept -= self.files.remove(0).1.cached_bytes();
+        while kept > MOST_CACHED {
+            let others = &self.files[..self.files.len() - 1];
+            let keeps = |(_, file): &(PathBuf, Arc<File>)| file.cached_bytes() > 0;
+            let Some(oldest) = others.iter().position(keeps) else { return };
+            kept -= self.files.remove(oldest).1.cached_bytes();
         }
     }
 }

@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use hdf5_reader::{
     Attribute, CompoundField, Datatype, H5Type, Hdf5File, OpenOptions, SliceInfo, SliceInfoElem,
     StringSize,
 };
 
-use super::pure_number::{Half, Number, element, with_number};
+use super::pure_number::{self, Half, Number, element, with_number};
 use super::{Backend, Dataset, Element, LIST_VALUES, Members, READ_VALUES, Values};
 
 /// Decoded chunks kept for each open file: how many, and bytes of all.
@@ -30,6 +31,8 @@ pub(super) struct Pure {
     /// The same file with room for more decoded chunks, opened once it is needed: a whole dataset
     /// may be one chunk.
     roomy: OnceLock<Hdf5File>,
+    /// Whether chunks have been read.
+    has_chunks: AtomicBool,
 }
 
 impl Pure {
@@ -53,6 +56,7 @@ impl Pure {
     ) -> Result<hdf5_reader::Dataset, String> {
         let dataset = self.file.dataset(path).map_err(|e| reason(&e))?;
         let Some(chunk) = dataset.chunks() else { return Ok(dataset) };
+        self.has_chunks.store(true, Ordering::Relaxed);
         let mut bytes = dataset.raw_element_size().map_err(|e| reason(&e))?;
         let mut chunks = 1_u64;
         for ((&edge, &start), &count) in chunk.iter().zip(start).zip(count) {
@@ -81,11 +85,14 @@ impl Backend for Pure {
     fn open(path: &Path) -> Result<Self, String> {
         let file = Self::opened(path, CACHED_CHUNKS, CHUNK_CACHE_BYTES)?;
         check_end(path, &file)?;
-        Ok(Self { path: path.to_path_buf(), file, roomy: OnceLock::new() })
+        let (path, roomy) = (path.to_path_buf(), OnceLock::new());
+        Ok(Self { path, file, roomy, has_chunks: AtomicBool::new(false) })
     }
 
     fn cached_bytes(&self) -> usize {
-        if self.roomy.get().is_some() { CHUNK_CACHE_BYTES + CHUNK_BYTES } else { CHUNK_CACHE_BYTES }
+        let has_chunks = self.has_chunks.load(Ordering::Relaxed);
+        let chunks = if has_chunks { CHUNK_CACHE_BYTES } else { 0 };
+        chunks + if self.roomy.get().is_some() { CHUNK_BYTES } else { 0 }
     }
 
     fn members(&self, group: &str) -> Result<Members, String> {
@@ -105,9 +112,9 @@ impl Backend for Pure {
 
     fn dataset(&self, path: &str) -> Result<Dataset, String> {
         let dataset = self.file.dataset(path).map_err(|e| reason(&e))?;
-        let element = match dataset.dtype() {
-            Datatype::FloatingPoint { size: 2, .. } => half_element(&dataset)?,
-            datatype => element(datatype),
+        let element = match element(dataset.dtype()) {
+            Element::Float | Element::Integer if !has_plain_bits(&dataset)? => Element::Other,
+            element => element,
         };
         Ok(Dataset { shape: dataset.shape().to_vec(), element })
     }
@@ -219,13 +226,11 @@ impl Block {
     }
 }
 
-/// What floats of 16 bits are: there are other kinds than IEEE's, told by the bits of their
-/// exponents.
-fn half_element(dataset: &hdf5_reader::Dataset) -> Result<Element, String> {
+/// Whether a dataset's numbers are IEEE floats, or integers that fill their bytes: the library takes them
+/// for such, whatever the file says of their bits.
+fn has_plain_bits(dataset: &hdf5_reader::Dataset) -> Result<bool, String> {
     let datatype = dataset.raw_datatype().map_err(|e| reason(&e))?;
-    // Class, flags and size (8 bytes), offset and precision in bits (2 each), place and size of
-    // the exponent (1 each).
-    Ok(if datatype.get(13) == Some(&5) { Element::Float } else { Element::Other })
+    Ok(pure_number::has_plain_bits(&datatype))
 }
 
 /// A string member of a table's row.

@@ -77,6 +77,34 @@ pub(super) fn element(datatype: &Datatype) -> Element {
     })
 }
 
+/// Whether a datatype's message tells of IEEE floats, or of integers that fill their bytes (*HDF5 File
+/// Format Specification*, version 3, IV.A.2.d).
+pub(super) fn has_plain_bits(message: &[u8]) -> bool {
+    let number = |at: usize, bytes: usize| message.get(at..at + bytes).map(little_endian);
+    let Some(bits) = number(4, 4).map(|size| size.saturating_mul(8)) else { return false };
+    // Class in the lower half of the first byte; then flags, size, offset and precision of the bits.
+    if number(8, 2) != Some(0) || number(10, 2) != Some(bits) {
+        return false;
+    }
+    if message[0] & 0x0f == 0 {
+        return true;
+    }
+    // Place and size of the exponent, place and size of the mantissa, bias.
+    let (exponent, bias) = match bits {
+        16 => ([10, 5, 0, 10], 15),
+        32 => ([23, 8, 0, 23], 127),
+        64 => ([52, 11, 0, 52], 1023),
+        _ => return false,
+    };
+    // The mantissa's first bit is implied.
+    let is_normal = message[1] >> 4 & 3 == 2 && u32::from(message[2]) + 1 == bits;
+    is_normal && message.get(12..16) == Some(&exponent) && number(16, 4) == Some(bias)
+}
+
+fn little_endian(bytes: &[u8]) -> u32 {
+    bytes.iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte))
+}
+
 /// An IEEE number of 16 bits, widened.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Half(f32);

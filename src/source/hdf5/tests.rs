@@ -25,6 +25,19 @@ fn half_float(exponent_bits: u8, mantissa_bits: u8) -> Datatype {
     datatype
 }
 
+/// A float of 64 bits with another bias than IEEE's, and integers that leave bits of their bytes unused.
+fn unusual() -> [Datatype; 2] {
+    let mut biased = make_f64_type();
+    if let Datatype::FloatingPoint { layout, .. } = &mut biased {
+        layout.exponent_bias = 1000;
+    }
+    let mut shifted = make_i32_type();
+    if let Datatype::FixedPoint { layout, .. } = &mut shifted {
+        (layout.bit_offset, layout.bit_precision) = (4, 12);
+    }
+    [biased, shifted]
+}
+
 fn text_type(length: u32) -> Datatype {
     let (padding, charset) = (StringPadding::SpacePad, CharacterSet::Ascii);
     Datatype::String { size: length, padding, charset }
@@ -70,6 +83,9 @@ fn example(path: &Path) {
     let half = vec![0x00, 0x3c, 0x00, 0xc0];
     group.create_dataset("half").with_raw_data(half_float(5, 10), half.clone(), 2);
     group.create_dataset("brain").with_raw_data(half_float(8, 7), half, 2);
+    let [biased, shifted] = unusual();
+    group.create_dataset("biased").with_raw_data(biased, 1f64.to_le_bytes().to_vec(), 1);
+    group.create_dataset("shifted").with_raw_data(shifted, 48i32.to_le_bytes().to_vec(), 1);
     let column = group.create_dataset("column").with_ascii_strings_sized(&["ye", "dens"], 4);
     column.unwrap().with_shape(&[2, 1]);
     add_table(&mut group, "integers", make_i32_type(), &[3i32.to_le_bytes(), 7i32.to_le_bytes()]);
@@ -100,8 +116,8 @@ fn members_and_attributes() {
         assert_eq!(file.members("/").unwrap().groups, ["Grid00000001"]);
         let members = file.members("/Grid00000001").unwrap();
         assert_eq!(members.groups, ["DaughterGrids"]);
-        assert_eq!(members.datasets.len(), 13);
-        assert_eq!(members.datasets[..4], ["big", "brain", "chunked", "column"]);
+        assert_eq!(members.datasets.len(), 15);
+        assert_eq!(members.datasets[..4], ["biased", "big", "brain", "chunked"]);
         let attributes = file.attributes("/Grid00000001").unwrap();
         assert_eq!(attributes["GridRank"].integers(), Some([3]));
         assert_eq!(attributes["Time"].floats(), Some([0.1]));
@@ -122,9 +138,16 @@ fn lists_of_every_kind() {
         assert_eq!(values("column"), Values::Text(vec!["ye".into(), "dens".into()]));
         assert_eq!(values("half"), Values::Floats(vec![1.0, -2.0]));
         assert!(file.values("/Grid00000001/double").is_err());
-        // Other halves than IEEE's are read right (by the C library) or not at all.
-        let brain = file.values("/Grid00000001/brain");
-        assert!(brain.is_err() || brain.is_ok_and(|v| v == Values::Floats(vec![0.0078125, -2.0])));
+        // Other numbers than IEEE's, and integers with unused bits, are read right (by the C library) or
+        // not at all.
+        for (name, expected) in [
+            ("brain", Values::Floats(vec![0.0078125, -2.0])),
+            ("biased", Values::Floats(vec![23f64.exp2()])),
+            ("shifted", Values::Integers(vec![3])),
+        ] {
+            let found = file.values(&format!("/Grid00000001/{name}"));
+            assert!(found.as_ref().map_or(true, |found| *found == expected), "{name}: {found:?}");
+        }
     });
 }
 
