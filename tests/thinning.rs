@@ -84,8 +84,9 @@ fn work_falls_with_the_tolerance_and_pixels_stay_within_their_bounds() {
         assert!(little.film == found.film, "{tolerance}: it depends on threads or memory");
         found.stats.samples
     });
-    assert!(samples[1] < samples[0] * 7 / 10, "{samples:?}");
-    assert!(samples[2] < samples[1] * 9 / 10, "{samples:?}");
+    // Few are left to save between the last two: a few for each brick on the way.
+    assert!(samples[1] < samples[0] * 15 / 100, "{samples:?}");
+    assert!(samples[2] < samples[0] * 11 / 100 && samples[2] < samples[1], "{samples:?}");
 }
 
 #[test]

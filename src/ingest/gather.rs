@@ -39,6 +39,7 @@ impl Gatherer<'_> {
         let lowest = neighbours.place.lowest_cell(self.shape);
         let mut ancestor = Some(neighbours);
         let mut places: Vec<BlockPlace<'_>> = Vec::new();
+        let mut kept = usize::MAX;
         while let Some(neighbours) = ancestor {
             let up = places.len();
             raw.blocks.resize_with(raw.blocks.len().max(up + 1), Block::default);
@@ -51,7 +52,11 @@ impl Gatherer<'_> {
             let complete = self.gather_block(&place, &mut raw.blocks[up])?;
             places.push(place);
             if complete && up > 0 {
-                break;
+                kept = kept.min(places.len());
+                // Dropped cells take their values from above, which is not stored.
+                if !has_void(&raw.blocks[up]) {
+                    break;
+                }
             }
             ancestor = neighbours.parent.as_ref();
         }
@@ -67,6 +72,7 @@ impl Gatherer<'_> {
                 self.fill_void(place, above.as_ref(), block)?;
             }
         }
+        raw.blocks.truncate(kept);
         Ok(())
     }
 
