@@ -17,7 +17,7 @@ use super::picture::{Picture, Round, lock};
 use super::plan::census::Census;
 use super::plan::cut::{Cut, FootprintCut};
 use super::plan::effort::Effort;
-use super::plan::goal::{Goal, TileError};
+use super::plan::goal::{Goal, Method, TileError};
 use super::plan::tree_walk::{FieldIndex, Unseen, Walk, WalkContext};
 use super::transfer::change::Change;
 use super::transfer::pieces::{PieceList, TransferPieces};
@@ -27,7 +27,6 @@ use super::{FixedSetting, RenderOptions, largest_value};
 use crate::Result;
 use crate::cache::{Cache, Header};
 use crate::paging::Pool;
-use crate::render::plan::goal::Method;
 use crate::scene::{Interpolation, Scene, Tolerance};
 use crate::space::Domain;
 

@@ -10,7 +10,7 @@ const FEWEST_PER_PIXEL: u64 = 8;
 /// the usual number a tile may take that needs more than others.
 const WORTHWHILE: u64 = 128_000;
 const WORTHWHILE_PER_PIXEL: u64 = 8;
-const UNEVEN: u64 = 16;
+const UNEVEN: u64 = 64;
 /// Rays that stand for themselves, likewise; and how many more a pixel may take where those of the
 /// picture are not more than so many.
 const MOST_ALONE: u64 = 32_000_000;

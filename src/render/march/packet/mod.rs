@@ -14,13 +14,13 @@
 //! than a cell's share, the way through it is passed again in more parts ([`sums`]). Few rays
 //! need that at a time, so their parts are dealt to all lanes: what each shows is worked out side
 //! by side, depths in front of parts are summed in order, and what they gather is collected in their
-//! rays' lanes ([`deal`]).
+//! rays' lanes ([`part_lanes`]).
 //!
 //! Where rays stand for squares of pixels, their account is kept in lanes too ([`square`]; its twin for
 //! single rays is `render/march/brick_account.rs`, and tests hold both to all rays of a square). A ray behind which no
 //! more than its share of the tolerance can follow stops inside the brick. What rounding may do
 //! is graded per group of cells ([`crate::render::bounds::grade`]; kept with bricks that areas pass many times,
-//! `grade/kept.rs`); rays stop before cells that are not fit for it. All numbers are the brick's
+//! `render/brick/kept_rates.rs`); rays stop before cells that are not fit for it. All numbers are the brick's
 //! own, near 1: lengths in cells, light relative to the transfer function's largest. All of this is
 //! put together in [`interpolated`].
 //!
