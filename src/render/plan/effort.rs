@@ -9,7 +9,7 @@ const FEWEST_PER_PIXEL: u64 = 8;
 /// Rays of a picture that bounds within the tolerance are worth, of a pixel at least, and how many times
 /// the usual number a tile may take that needs more than others.
 const WORTHWHILE: u64 = 128_000;
-const WORTHWHILE_PER_PIXEL: u64 = 8;
+const WORTHWHILE_PER_PIXEL: u64 = 3;
 const UNEVEN: u64 = 64;
 /// Rays that stand for themselves, likewise; and how many more a pixel may take where those of the
 /// picture are not more than so many.
