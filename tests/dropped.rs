@@ -79,6 +79,32 @@ fn dropped_cells_of_any_level_border_like_the_domains_edge() {
     }
 }
 
+/// A dropped cell takes the place of a value only beside kept ones; farther off it must not widen
+/// what its brick says of its values.
+#[test]
+fn ranges_beside_dropped_cells_are_those_of_kept_ones() {
+    let value = |level: u32| move |cell: [i128; 3]| 100.0 + noise(level, cell);
+    let source = MemorySource::new([0.0; 3], [1.0; 3], [16; 3], &[2, 2])
+        .unwrap()
+        .grid(0, [0; 3], [16; 3], value(0))
+        .grid(1, [0; 3], [32; 3], value(1))
+        .grid(2, [0; 3], [64; 3], value(2));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("region.dfc");
+    let region = [["0.2", "0.21", "0.22"], ["0.6", "0.55", "0.57"]];
+    let region = Some(region.map(|corner| corner.map(|c| Decimal::parse(c).unwrap())));
+    let options = Options { region, brick: Some(8), ..Options::default() };
+    ingest(&source, &path, &options, &mut Progress::new(&mut |_, _, _| {})).unwrap();
+    let cache = Cache::open(&path, 4).unwrap();
+    let level = cache.header().levels.iter().find(|level| level.octree == 2).unwrap();
+    let mut cursor = cache.cursor();
+    let records = (level.first_node..level.first_node + level.nodes)
+        .map(|node| cursor.field(node, 0).unwrap())
+        .filter(|record| !record.is_void());
+    let lowest: Vec<f32> = records.map(|record| record.own[0]).collect();
+    assert!(lowest.len() > 20 && lowest.iter().all(|least| *least >= 100.0), "{lowest:?}");
+}
+
 /// NaN is no value: between it and others there is none, and elsewhere it changes nothing.
 #[test]
 fn what_lies_between_nan_and_other_values_is_nan() {
