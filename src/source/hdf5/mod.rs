@@ -112,7 +112,7 @@ trait Backend: Send + Sync {
     where
         Self: Sized;
 
-    /// How many bytes of decoded values it may keep at most.
+    /// How many bytes of decoded values it may keep at most, when nothing is read.
     fn cached_bytes(&self) -> usize;
 
     /// Names in a group.

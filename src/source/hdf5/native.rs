@@ -11,8 +11,6 @@ use hdf5::{Container, Group, H5Type, Hyperslab, LocationType, SliceOrIndex};
 
 use super::{Backend, Dataset, Element, Members, Values};
 
-/// What the library keeps of a dataset's decoded chunks.
-const DATASET_CACHE_BYTES: usize = 1 << 20;
 /// Longest string of fixed length that is read.
 const LONGEST_STRING: usize = 4096;
 
@@ -56,7 +54,8 @@ impl Backend for Native {
     }
 
     fn cached_bytes(&self) -> usize {
-        DATASET_CACHE_BYTES
+        // The library keeps decoded chunks with a dataset, and datasets are open while they are read.
+        0
     }
 
     fn members(&self, group: &str) -> Result<Members, String> {
