@@ -12,8 +12,8 @@ use chain::Chain;
 use lattice::Lattice;
 pub(super) use scale::Scale;
 
-/// F_l − F_{l−1} in a brick of level l, bounded; `F`, `T` and `w` as in `docs/ARCHITECTURE.md`,
-/// "Across levels".
+/// F_l − F_{l−1} in a brick of level l, bounded; `F`, `T` and `w` as in `docs/SEAMS.md`,
+/// "The rule".
 ///
 /// Holes are filled with the coarser T at their centres. So where every cell around exists on the
 /// coarser level, F_{l−1} = T_{l−1}, and F_l − F_{l−1} is w_l times T_l − T_{l−1}, at most. Both T are
