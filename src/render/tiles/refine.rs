@@ -2,17 +2,23 @@
 //! more than the goal; where no number of rays would do for that, until none is by all likelihood.
 
 mod alone;
+mod batch;
+mod firsts;
 mod neighbours;
+mod next;
 mod prospect;
+mod ray_count;
 mod rim;
 mod trial;
 
-use self::neighbours::{First, MOST_BLOCKS};
+pub(crate) use self::batch::Batch;
+use self::firsts::Firsts;
+use self::next::{Next, movable};
 use self::prospect::GroupInHand;
-use self::rim::Rim;
+use self::ray_count::RayCount;
 use self::trial::Trial;
 use super::pixel::Pixel;
-use super::waiting::{FEW_PIXELS, Found, GROUP_PIXELS, ToDo, Urgency, Waiting};
+use super::waiting::{Found, GROUP_PIXELS, ToDo, Urgency, Waiting};
 use crate::render::bounds::grade::Care;
 use crate::render::bounds::ray_error::ErrorShares;
 use crate::render::camera::pixel_order::PixelOrder;
@@ -20,39 +26,10 @@ use crate::render::camera::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
 use crate::render::plan::cut::Cut;
 use crate::render::plan::goal::{Goal, Method, TileError, power};
 
-/// The part of a pixel's error that may come from levels, of what levels and area may be off by.
-const LEVELS_SHARE: f64 = 0.5;
-/// The parts that may come from digits that are not read, and from the march of packets, likewise.
-const DIGITS_SHARE: f64 = 0.3;
-const MARCH_SHARE: f64 = 0.4;
-/// Rays that the march of packets lets be off by so many times what they may be are marched one by one:
-/// packets of more care are off by an eighth, or a little less.
-const BEYOND_PACKETS: f64 = 16.0;
-/// A cut is made finer by at least, and at most, these factors.
-const FINER: [f64; 2] = [0.5, 1.0 / 32.0];
 /// Squares are not halved more often: their centres are exact to f64 then.
 const MOST_HALVINGS: u8 = 30;
 /// A pixel is taken to need no more rays than this: cores that shine are refined where they are.
 const MOST_NEEDED: f64 = 1024.0;
-
-/// Rays that are marched together.
-pub(crate) struct Batch {
-    /// Pixel by pixel.
-    pub(crate) squares: Vec<Square>,
-    /// Which bricks are opened for them.
-    pub(crate) cut: Cut,
-    /// How they are marched, and how those have been that are marched again.
-    pub(crate) care: Care,
-    before: Care,
-    /// Whether they stand for their squares, not for themselves.
-    pub(crate) has_area: bool,
-    /// Whether they are at the tile's outer sides, only to tell of these.
-    is_rim: bool,
-    /// What squares that are marched again were found to be before, in order.
-    again: Vec<Found>,
-    /// What the others are quarters of, likewise; neither for a tile's first rays.
-    wholes: Vec<Found>,
-}
 
 /// The part of a square's bound that goes once it is quartered, at least: three quarters of what is of
 /// second order in its width.
@@ -82,48 +59,37 @@ struct Chosen {
 pub(crate) struct Sheet {
     pixels: Vec<Pixel>,
     rect: PixelRect,
-    order: PixelOrder,
-    rim: Rim,
     finished: Vec<[f32; 4]>,
     first: Option<Batch>,
     waiting: Waiting,
     goal: Option<Goal>,
-    /// Rays marched: with accounts of what they stand for, and for themselves in areas.
-    rays: u64,
-    alone: u64,
-    /// The latter by the few pixels that are finished together in a crowd.
-    alone_by_few: Vec<u64>,
+    rays: RayCount,
     /// What squares that were quartered might be off by, and what their quarters may.
     fallen: [f64; 2],
     trial: Trial,
     group: Option<GroupInHand>,
-    /// What the first ray of each pixel has found; and by how much, in each block of pixels, a mean
-    /// has differed from what neighbours foretold.
-    firsts: Vec<First>,
-    doubts: Vec<f64>,
+    firsts: Firsts,
 }
 
 impl Sheet {
     /// Bytes that a sheet takes: pixels, the batch in hand and what it finds, and squares that
     /// wait.
     pub(crate) const BYTES: u64 = Waiting::BYTES
-        + Rim::BYTES
+        + Firsts::BYTES
+        + RayCount::BYTES
         + (BATCH_RAYS
             * (size_of::<Pixel>()
-                + size_of::<First>()
                 + size_of::<[f32; 4]>()
                 + 2 * size_of::<Square>()
-                + 4 * size_of::<Found>())
-            + BATCH_RAYS / FEW_PIXELS * size_of::<u64>()
-            + MOST_BLOCKS * size_of::<f64>()) as u64;
+                + 4 * size_of::<Found>())) as u64;
 
     /// Begins with the pixels of `rect`.
     pub(crate) fn start(&mut self, grid: &PixelGrid, rect: PixelRect, method: &Method) {
         self.pixels.clear();
         self.pixels.resize(rect.count(), Pixel::default());
         self.rect = rect;
-        self.order = PixelOrder::of(&rect);
-        self.rim.clear([self.order.width(), self.order.height()]);
+        self.firsts.clear(PixelOrder::of(&rect), rect.count());
+        self.rays.clear(rect.count());
         let mut squares = Vec::new();
         grid.first_squares(&rect, &mut squares);
         let cut = match method {
@@ -136,15 +102,9 @@ impl Sheet {
                 goal.first_cut()
             }
         };
-        (self.rays, self.alone) = (0, 0);
-        self.alone_by_few.clear();
-        self.alone_by_few.resize(rect.count().div_ceil(FEW_PIXELS), 0);
         self.fallen = [0.0; 2];
         self.trial = Trial::default();
         self.group = None;
-        self.firsts.clear();
-        self.firsts.resize(rect.count(), First::default());
-        self.clear_doubts();
         self.waiting.clear();
         let has_area = grid.has_area();
         let (again, wholes) = Default::default();
@@ -161,7 +121,7 @@ impl Sheet {
             return Some(batch);
         }
         if batch.has_area || !grid.has_area() {
-            self.rays += batch.squares.len() as u64;
+            self.rays.add_for_squares(batch.squares.len());
         }
         Some(batch)
     }
@@ -219,7 +179,7 @@ impl Sheet {
                     _ if self.may_hide(harm, bound) => true,
                     0 => {
                         let pixel = usize::from(found.square.pixel);
-                        harm > self.little(median) && self.stands_out(pixel, bound)
+                        harm > self.little(median) && self.firsts.stands_out(pixel, bound)
                     }
                     _ => harm > self.little(SMALL_HARM * median),
                 };
@@ -285,22 +245,7 @@ impl Sheet {
     /// Whether no more rays may be marched that stand for squares of a group of pixels.
     fn is_over(&self, grid: &PixelGrid, group: usize) -> bool {
         let Some(goal) = &self.goal else { return true };
-        grid.has_area() && self.other_rays() >= self.most_rays(group, goal)
-    }
-
-    /// Rays marched that stand for squares, beside the first of each pixel.
-    fn other_rays(&self) -> u64 {
-        self.rays.saturating_sub(self.pixels.len() as u64)
-    }
-
-    /// The most of them that a group of pixels and those before it may take.
-    fn most_rays(&self, group: usize, goal: &Goal) -> u64 {
-        self.rays_of_first((group + 1) * GROUP_PIXELS, goal.rays_per_pixel.saturating_sub(1))
-    }
-
-    /// Rays for the first `count` pixels.
-    fn rays_of_first(&self, count: usize, per_pixel: u64) -> u64 {
-        per_pixel.saturating_mul(count.min(self.pixels.len()) as u64)
+        grid.has_area() && self.rays.others() >= self.rays.most_of_group(group, goal)
     }
 
     /// What squares of a pixel may be off by on average.
@@ -329,13 +274,13 @@ impl Sheet {
     ) {
         let mut outcome: Vec<_> = outcome.collect();
         if batch.is_rim {
-            self.note_rim(&outcome);
+            self.firsts.note_rim(&outcome);
             return;
         }
         let mut next = Next::default();
         let alone = grid.has_area() && !batch.has_area;
         if !alone && grid.has_area() {
-            self.note(batch, &outcome);
+            self.firsts.note(batch, &outcome);
         }
         if !alone {
             batch.hand_down(grid, self, &mut outcome);
@@ -450,72 +395,22 @@ impl Sheet {
     /// power of their number.
     fn foreseen(&self, pixel: usize, bound: f64, power: f64) -> f64 {
         let tolerance = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
-        self.marched(pixel) * (bound / tolerance).powf(power.recip())
+        self.firsts.marched(pixel) * (bound / tolerance).powf(power.recip())
     }
 
     /// The tile's pixels, row by row: R, G, B, A.
     pub(crate) fn pixels(&mut self) -> &[[f32; 4]] {
         self.finished.clear();
         self.finished.resize(self.pixels.len(), [0.0; 4]);
+        let width = self.rect.columns().len();
         for (number, pixel) in self.pixels.iter().enumerate() {
-            let [x, y] = self.order.place(number);
-            let place = (y * self.order.width() + x) as usize;
+            let [x, y] = self.firsts.place(number);
+            let place = y as usize * width + x as usize;
             // Light is not negative, but by the rounding of sums.
             self.finished[place] = pixel.value.map(|c| if c < 0.0 { 0.0 } else { c as f32 });
         }
         &self.finished
     }
-}
-
-/// What is to be done with the squares of a batch.
-#[derive(Default)]
-struct Next {
-    careful: Vec<Found>,
-    exact: Vec<Found>,
-    finer: Vec<Found>,
-    quartered: Vec<Found>,
-    /// The most that levels, and digits, are off by, of the room that there is.
-    worst: [f64; 2],
-}
-
-impl Next {
-    /// Takes squares whose rays are off by so much, as `mean` of these rays has it, that they are
-    /// to be marched with more care, or through finer levels.
-    fn takes(&mut self, found: &[Found], mean: &ErrorShares, room: f64, batch: &Batch) -> bool {
-        if batch.care != Care::Exact && mean.quadrature > MARCH_SHARE * room {
-            let is_beyond = mean.quadrature > BEYOND_PACKETS * room;
-            let squares = if is_beyond { &mut self.exact } else { &mut self.careful };
-            squares.extend(found);
-            return true;
-        }
-        let can_be_finer = !matches!(batch.cut, Cut::FullDepth);
-        // Of rays that stand for themselves the other part is what proxies make of them.
-        let of_cut = mean.levels + if batch.has_area { 0.0 } else { mean.pixel_area };
-        let off = [of_cut / room, mean.digits / room];
-        if can_be_finer && (off[0] > LEVELS_SHARE || off[1] > DIGITS_SHARE) {
-            self.worst = std::array::from_fn(|n| self.worst[n].max(off[n]));
-            self.finer.extend(found);
-            return true;
-        }
-        false
-    }
-
-    /// What limits of levels and digits are made smaller by.
-    fn factors(&self) -> [f64; 2] {
-        let shares = [LEVELS_SHARE, DIGITS_SHARE];
-        std::array::from_fn(|n| {
-            let [worst, share] = [self.worst[n], shares[n]];
-            // Few different cuts, so that many squares share one.
-            let factor = (0.5 * share / worst).clamp(FINER[1], FINER[0]).log2().floor().exp2();
-            if worst > share { factor } else { 1.0 }
-        })
-    }
-}
-
-/// What finer levels, more rays or more care than `care` change.
-fn movable(shares: &ErrorShares, care: Care) -> f64 {
-    let march = if care == Care::Exact { 0.0 } else { shares.quadrature };
-    shares.levels + shares.digits + shares.pixel_area + march
 }
 
 #[cfg(test)]

@@ -166,7 +166,7 @@ fn an_outlook_quarters_pixels_once_whatever_finer_levels_took() {
         let outlook = Goal { most_halvings: 1, alone_per_pixel: 1, has_area: true, ..goal };
         let mut sheet = Sheet::default();
         draw(&mut sheet, "\"area\"", outlook, &errors);
-        let marched: Vec<_> = (0..63).map(|pixel| sheet.marched(pixel)).collect();
+        let marched: Vec<_> = (0..63).map(|pixel| sheet.firsts.marched(pixel)).collect();
         assert!(marched.iter().all(|&rays| rays == 1.0 || rays == 5.0), "{marched:?}");
         marched.iter().filter(|&&rays| rays == 5.0).count()
     };
@@ -266,7 +266,7 @@ fn draw_light(
         sheet.judge(&grid, &batch, batch.squares.iter().map(outcome));
     }
     for (n, pixel) in sheet.pixels.iter().enumerate() {
-        let [x, y] = sheet.order.place(n).map(|n| n as usize);
+        let [x, y] = sheet.firsts.place(n).map(|n| n as usize);
         check(x, y, pixel);
     }
     (rays, sheet.error())

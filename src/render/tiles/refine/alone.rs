@@ -32,35 +32,6 @@ const OF_SAVED: u64 = 4;
 /// A quarter of a square stands out that may do more than this part of the square's harm.
 const STANDS_OUT: f64 = 0.4;
 
-impl Batch {
-    /// Says of what has been found how uneven it is: what was known of it before, or what rays of
-    /// the quarters of a square tell.
-    /// `sheet` knows of whole pixels by their neighbours.
-    pub(super) fn hand_down(&self, grid: &PixelGrid, sheet: &Sheet, outcome: &mut [Found]) {
-        let tolerance = sheet.goal.map_or(0.0, |goal| goal.tolerance);
-        for (found, before) in outcome.iter_mut().zip(&self.again) {
-            found.uneven = before.uneven;
-        }
-        for (whole, quarters) in self.wholes.iter().zip(outcome.chunks_exact_mut(4)) {
-            let values = from_fn(|n| &quarters[n].value);
-            let uneven = Unevenness::of(&whole.value, sheet.known(whole), values);
-            // Rays that are off by much themselves say nothing of others, but where many add up.
-            let off = quarters.iter().chain([whole]).map(Found::own);
-            let most = f64::from(whole.square.halvings).exp2() * ALONE_SHARE * tolerance;
-            let uneven = (off.fold(0.0, f64::max) <= most).then_some(uneven);
-            // Their rays lie at their centres.
-            let is_aligned = grid.has_edges_along(&whole.square);
-            let of_quarter = |n: usize, uneven: Unevenness| {
-                uneven.of_quarter(n, values, sheet.around(&quarters[n]), is_aligned)
-            };
-            let each: [_; 4] = from_fn(|n| uneven.map(|uneven| of_quarter(n, uneven)));
-            for (quarter, uneven) in quarters.iter_mut().zip(each) {
-                quarter.uneven = uneven;
-            }
-        }
-    }
-}
-
 impl Sheet {
     /// The squares of `found` that are to be quartered for their pixels' mean, whose rays are counted;
     /// the others are taken as they are or, for want of rays, put off, but for those that have been.
@@ -90,8 +61,7 @@ impl Sheet {
                 self.pixels[pixel].draw(found, grid.weight(&found.square));
                 continue;
             }
-            self.alone += u64::from(QUARTERS);
-            self.alone_by_few[pixel / FEW_PIXELS] += u64::from(QUARTERS);
+            self.rays.add_alone(pixel, QUARTERS);
             self.pixels[pixel].rays_alone += QUARTERS;
             left.push(*found);
         }
@@ -104,9 +74,9 @@ impl Sheet {
     /// once all others are finished, in the last place, the tile has.
     fn is_over_alone(&self, pixel: usize, is_last: bool) -> bool {
         let Some(goal) = &self.goal else { return true };
-        let pixels =
-            if is_last { self.pixels.len() } else { (pixel / GROUP_PIXELS + 1) * GROUP_PIXELS };
-        self.alone >= self.rays_of_first(pixels, goal.alone_per_pixel)
+        let of_group = (pixel / GROUP_PIXELS + 1) * GROUP_PIXELS;
+        let pixels = if is_last { self.pixels.len() } else { of_group };
+        self.rays.alone() >= self.rays.of_first(pixels, goal.alone_per_pixel)
             || !is_last && self.waiting.is_crowded() && self.is_over_among_few(goal, pixel)
     }
 
@@ -114,15 +84,15 @@ impl Sheet {
     /// What the others of them have not taken yet, and may need, is left to these.
     fn is_over_among_few(&self, goal: &Goal, pixel: usize) -> bool {
         let few = pixel / FEW_PIXELS;
-        let rays = |few| self.rays_of_first(few * FEW_PIXELS, goal.alone_per_pixel);
+        let rays = |few| self.rays.of_first(few * FEW_PIXELS, goal.alone_per_pixel);
         let (before, own) = (rays(few), rays(few + 1) - rays(few));
-        let saved = before.saturating_sub(self.alone_by_few[..few].iter().sum());
+        let saved = before.saturating_sub((0..few).map(|few| self.rays.alone_of_few(few)).sum());
         let others = self.pixels.iter().enumerate().skip(few * FEW_PIXELS).take(FEW_PIXELS);
         let others = others.filter(|(other, _)| *other != pixel).map(|(_, other)| other);
         let needed = others
             .filter(|other| other.changeable(0.0) > self.room_for_mean(other.beside_mean()))
             .map(|other| goal.alone_per_pixel.saturating_sub(other.rays_alone.into()));
-        self.alone_by_few[few] + needed.sum::<u64>() >= own + saved / OF_SAVED
+        self.rays.alone_of_few(few) + needed.sum::<u64>() >= own + saved / OF_SAVED
     }
 
     /// Puts a square off until all others are finished, in the place of others that matter less should
@@ -143,7 +113,7 @@ impl Sheet {
     /// quarters in a batch. None follow witnesses, which are to be heard first.
     pub(super) fn add_wholes(&mut self, grid: &PixelGrid, wholes: &mut Vec<Found>, to_do: &ToDo) {
         let is_whole = |found: &Found| found.square.halvings == 0;
-        let is_witness = |found: &Found| self.is_witness(usize::from(found.square.pixel));
+        let is_witness = |found: &Found| self.firsts.is_witness(usize::from(found.square.pixel));
         if !wholes.iter().all(is_whole) || wholes.iter().any(is_witness) {
             return;
         }
@@ -188,7 +158,7 @@ impl Sheet {
     fn unevenness(&self, whole: &Found, quarters: &[Found]) -> [Unevenness; 4] {
         let values = from_fn(|n| &quarters[n].value);
         let uneven = Unevenness::of(&whole.value, self.known(whole), values);
-        from_fn(|n| uneven.of_quarter(n, values, self.around(&quarters[n]), false))
+        from_fn(|n| uneven.of_quarter(n, values, self.firsts.around(&quarters[n]), false))
     }
 
     /// Whether a quarter's pixel is close enough in all likelihood. Four rays may be alike by
@@ -213,7 +183,9 @@ impl Sheet {
     pub(super) fn known(&self, whole: &Found) -> Option<Unevenness> {
         if whole.square.halvings == 0 {
             let pixel = usize::from(whole.square.pixel);
-            self.foretell(pixel).or_else(|| Some(Unevenness::of_edges(self.edges(pixel))))
+            self.firsts
+                .foretell(pixel)
+                .or_else(|| Some(Unevenness::of_edges(self.firsts.edges(pixel))))
         } else {
             whole.uneven
         }
@@ -223,7 +195,7 @@ impl Sheet {
     fn is_too_whole(&self, found: &Found) -> bool {
         self.goal.is_some_and(|goal| {
             let least = if self.may_glint(&goal, found) {
-                let bound = self.first_bound(usize::from(found.square.pixel));
+                let bound = self.firsts.first_bound(usize::from(found.square.pixel));
                 halvings_for_glints(bound / goal.tolerance).min(goal.glint_halvings)
             } else {
                 0
@@ -243,18 +215,14 @@ impl Sheet {
     /// The same of a whole pixel's first ray.
     pub(super) fn is_dark_by_chance(&self, goal: &Goal, pixel: usize) -> bool {
         goal.glint_halvings > 0
-            && self.first_bound(pixel) > FAR * goal.tolerance
-            && self.is_first_dark(pixel, darkness(goal))
+            && self.firsts.first_bound(pixel) > FAR * goal.tolerance
+            && self.firsts.is_first_dark(pixel, darkness(goal))
     }
 
     /// What a pixel and those beside it have as their first variance on average.
     pub(super) fn variance_around(&self, pixel: usize) -> f64 {
-        let [x, y] = self.order.place(pixel);
-        let [columns, rows] = [x, y].map(|n| n.saturating_sub(1)..=n + 1);
-        let around = rows.flat_map(|y| columns.clone().map(move |x| [x, y]));
-        let known = around
-            .filter_map(|place| self.pixels.get(self.order.number(place)?))
-            .filter_map(Pixel::first_variance);
+        let near = self.firsts.near(pixel).filter_map(|number| self.pixels.get(number));
+        let known = near.filter_map(Pixel::first_variance);
         let (count, sum) = known.fold((0.0, 0.0), |(n, sum), variance| (n + 1.0, sum + variance));
         if count > 0.0 { sum / count } else { 0.0 }
     }
@@ -312,7 +280,7 @@ impl Sheet {
         let pixel = usize::from(found.square.pixel);
         let group = WITNESSES + 1 + pixel / GROUP_PIXELS;
         match found.uneven {
-            _ if found.square.halvings == 0 && self.is_witness(pixel) => {
+            _ if found.square.halvings == 0 && self.firsts.is_witness(pixel) => {
                 Urgency::new(WITNESSES, f64::INFINITY)
             }
             None if found.square.halvings == 0 => Urgency::new(group, f64::INFINITY),
@@ -376,7 +344,7 @@ impl Sheet {
             if !is_good && next.takes(std::slice::from_ref(whole), &mean, room, batch) {
                 continue;
             }
-            self.doubt(whole, from_fn(|n| &quarters[n].value));
+            self.firsts.doubt(whole, from_fn(|n| &quarters[n].value));
             let uneven = self.unevenness(whole, quarters);
             let pixel = &mut self.pixels[usize::from(whole.square.pixel)];
             pixel.learn(whole, &uneven, grid.weight(&whole.square), &mean);

@@ -53,7 +53,7 @@ impl Sheet {
             let is_known = group.quartered >= TELLING;
             let power = power(group.fallen).filter(|_| is_known);
             let needed = power.map(|power| self.needed(number, &bounds, power));
-            let most = AT_WORST * self.most_rays(number, &goal) as f64;
+            let most = AT_WORST * self.rays.most_of_group(number, &goal) as f64;
             bounds.sort_unstable_by(f64::total_cmp);
             let median = bounds[bounds.len() / 2];
             // What falls as fast as that has not shown yet what will be left.
@@ -74,8 +74,7 @@ impl Sheet {
         if let Some(goal) = self.goal.as_mut().filter(|goal| goal.certifies) {
             goal.give_up_certificates();
             let scouting = goal.rays_per_pixel.saturating_sub(1);
-            let before = self.rays_of_first(number * GROUP_PIXELS, scouting);
-            self.rays = self.rays.min(before.saturating_add(self.pixels.len() as u64));
+            self.rays.forget_beyond(number * GROUP_PIXELS, scouting);
         }
     }
 
@@ -84,10 +83,10 @@ impl Sheet {
     fn needed(&self, number: usize, bounds: &[f64], power: f64) -> f64 {
         let first = number * GROUP_PIXELS;
         let still = bounds.iter().enumerate().map(|(n, bound)| {
-            let marched = self.marched(first + n);
+            let marched = self.firsts.marched(first + n);
             (self.foreseen(first + n, *bound, power).min(MOST_NEEDED) - marched).max(0.0)
         });
-        self.other_rays() as f64 + still.sum::<f64>()
+        self.rays.others() as f64 + still.sum::<f64>()
     }
 
     /// Whether what is off by so much may be something bright that no ray has met. Where it is shows

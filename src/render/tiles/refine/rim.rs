@@ -3,6 +3,7 @@
 //! enough by their first ray take others on their outer sides, in the middle and at the ends, which
 //! tell the same.
 
+use super::firsts::Firsts;
 use super::{Batch, Sheet};
 use crate::render::bounds::grade::Care;
 use crate::render::camera::rays::{PixelGrid, Square, TILE_SIDE};
@@ -57,14 +58,14 @@ impl Sheet {
     /// ray of each is known.
     pub(super) fn rim_batch(&mut self, grid: &PixelGrid) -> Option<Batch> {
         let goal = self.goal.filter(|goal| grid.has_area() && !goal.all_levels)?;
-        if std::mem::replace(&mut self.rim.is_marched, true) {
+        if std::mem::replace(&mut self.firsts.rim.is_marched, true) {
             return None;
         }
-        let is_open = |pixel: &usize| self.first_bound(*pixel) > goal.tolerance;
+        let is_open = |pixel: &usize| self.firsts.first_bound(*pixel) > goal.tolerance;
         let mut squares = Vec::new();
         for pixel in (0..self.pixels.len()).filter(is_open) {
-            let place = self.order.place(pixel);
-            for towards in self.towards_rim(place, is_open) {
+            let place = self.firsts.place(pixel);
+            for towards in self.firsts.towards_rim(place, is_open) {
                 squares.push(Square {
                     centre: [0, 1].map(|a| f64::from(self.rect.lo[a] + place[a]) + 0.5),
                     offset: towards.map(|towards| towards as i16 * TO_SIDE),
@@ -79,7 +80,9 @@ impl Sheet {
         let batch = Batch { squares, cut, care, before, has_area, is_rim, again, wholes };
         (!batch.squares.is_empty()).then_some(batch)
     }
+}
 
+impl Firsts {
     /// Where on the outer sides of the pixel at `place` rays are wanted, from its centre. Those at an
     /// end are the next pixel's as well.
     fn towards_rim(

@@ -1,0 +1,59 @@
+//! Rays that are marched together.
+
+use std::array::from_fn;
+
+use super::Sheet;
+use super::alone::ALONE_SHARE;
+use crate::render::bounds::grade::Care;
+use crate::render::camera::rays::{PixelGrid, Square};
+use crate::render::plan::cut::Cut;
+use crate::render::tiles::unevenness::Unevenness;
+use crate::render::tiles::waiting::Found;
+
+/// Rays that are marched together.
+pub(crate) struct Batch {
+    /// Pixel by pixel.
+    pub(crate) squares: Vec<Square>,
+    /// Which bricks are opened for them.
+    pub(crate) cut: Cut,
+    /// How they are marched, and how those have been that are marched again.
+    pub(crate) care: Care,
+    pub(super) before: Care,
+    /// Whether they stand for their squares, not for themselves.
+    pub(crate) has_area: bool,
+    /// Whether they are at the tile's outer sides, only to tell of these.
+    pub(super) is_rim: bool,
+    /// What squares that are marched again were found to be before, in order.
+    pub(super) again: Vec<Found>,
+    /// What the others are quarters of, likewise; neither for a tile's first rays.
+    pub(super) wholes: Vec<Found>,
+}
+
+impl Batch {
+    /// Says of what has been found how uneven it is: what was known of it before, or what rays of
+    /// the quarters of a square tell.
+    /// `sheet` knows of whole pixels by their neighbours.
+    pub(super) fn hand_down(&self, grid: &PixelGrid, sheet: &Sheet, outcome: &mut [Found]) {
+        let tolerance = sheet.goal.map_or(0.0, |goal| goal.tolerance);
+        for (found, before) in outcome.iter_mut().zip(&self.again) {
+            found.uneven = before.uneven;
+        }
+        for (whole, quarters) in self.wholes.iter().zip(outcome.chunks_exact_mut(4)) {
+            let values = from_fn(|n| &quarters[n].value);
+            let uneven = Unevenness::of(&whole.value, sheet.known(whole), values);
+            // Rays that are off by much themselves say nothing of others, but where many add up.
+            let off = quarters.iter().chain([whole]).map(Found::own);
+            let most = f64::from(whole.square.halvings).exp2() * ALONE_SHARE * tolerance;
+            let uneven = (off.fold(0.0, f64::max) <= most).then_some(uneven);
+            // Their rays lie at their centres.
+            let is_aligned = grid.has_edges_along(&whole.square);
+            let of_quarter = |n: usize, uneven: Unevenness| {
+                uneven.of_quarter(n, values, sheet.firsts.around(&quarters[n]), is_aligned)
+            };
+            let each: [_; 4] = from_fn(|n| uneven.map(|uneven| of_quarter(n, uneven)));
+            for (quarter, uneven) in quarters.iter_mut().zip(each) {
+                quarter.uneven = uneven;
+            }
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! What is to be done with the squares of a batch once their rays have been marched.
+
+use super::Batch;
+use crate::render::bounds::grade::Care;
+use crate::render::bounds::ray_error::ErrorShares;
+use crate::render::plan::cut::Cut;
+use crate::render::tiles::waiting::Found;
+
+/// The part of a pixel's error that may come from levels, of what levels and area may be off by.
+const LEVELS_SHARE: f64 = 0.5;
+/// The parts that may come from digits that are not read, and from the march of packets, likewise.
+const DIGITS_SHARE: f64 = 0.3;
+const MARCH_SHARE: f64 = 0.4;
+/// Rays that the march of packets lets be off by so many times what they may be are marched one by one:
+/// packets of more care are off by an eighth, or a little less.
+const BEYOND_PACKETS: f64 = 16.0;
+/// A cut is made finer by at least, and at most, these factors.
+const FINER: [f64; 2] = [0.5, 1.0 / 32.0];
+
+/// What is to be done with the squares of a batch.
+#[derive(Default)]
+pub(super) struct Next {
+    pub(super) careful: Vec<Found>,
+    pub(super) exact: Vec<Found>,
+    pub(super) finer: Vec<Found>,
+    pub(super) quartered: Vec<Found>,
+    /// The most that levels, and digits, are off by, of the room that there is.
+    pub(super) worst: [f64; 2],
+}
+
+impl Next {
+    /// Takes squares whose rays are off by so much, as `mean` of these rays has it, that they are
+    /// to be marched with more care, or through finer levels.
+    pub(super) fn takes(
+        &mut self,
+        found: &[Found],
+        mean: &ErrorShares,
+        room: f64,
+        batch: &Batch,
+    ) -> bool {
+        if batch.care != Care::Exact && mean.quadrature > MARCH_SHARE * room {
+            let is_beyond = mean.quadrature > BEYOND_PACKETS * room;
+            let squares = if is_beyond { &mut self.exact } else { &mut self.careful };
+            squares.extend(found);
+            return true;
+        }
+        let can_be_finer = !matches!(batch.cut, Cut::FullDepth);
+        // Of rays that stand for themselves the other part is what proxies make of them.
+        let of_cut = mean.levels + if batch.has_area { 0.0 } else { mean.pixel_area };
+        let off = [of_cut / room, mean.digits / room];
+        if can_be_finer && (off[0] > LEVELS_SHARE || off[1] > DIGITS_SHARE) {
+            self.worst = std::array::from_fn(|n| self.worst[n].max(off[n]));
+            self.finer.extend(found);
+            return true;
+        }
+        false
+    }
+
+    /// What limits of levels and digits are made smaller by.
+    pub(super) fn factors(&self) -> [f64; 2] {
+        let shares = [LEVELS_SHARE, DIGITS_SHARE];
+        std::array::from_fn(|n| {
+            let [worst, share] = [self.worst[n], shares[n]];
+            // Few different cuts, so that many squares share one.
+            let factor = (0.5 * share / worst).clamp(FINER[1], FINER[0]).log2().floor().exp2();
+            if worst > share { factor } else { 1.0 }
+        })
+    }
+}
+
+/// What finer levels, more rays or more care than `care` change.
+pub(super) fn movable(shares: &ErrorShares, care: Care) -> f64 {
+    let march = if care == Care::Exact { 0.0 } else { shares.quadrature };
+    shares.levels + shares.digits + shares.pixel_area + march
+}
