@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::bounds::ray_error::ErrorShares;
+use super::bounds::shares::ErrorShares;
 use super::plan::census::Census;
 use crate::cache::{Header, TreeLevel};
 use crate::paging::Counters;

@@ -14,7 +14,7 @@
 //! the media different, and there, by the first formula, the picture is off by `T̃·|κ·(S − L) −
 //! (j′ − κ′·L)| ds`, with j′ and κ′ of the medium before the step, and L as near S as above.
 
-use super::ray_error::Sums;
+use super::sums::Sums;
 use crate::polynomial::Polynomial;
 use crate::render::transfer::piece::{Piece, Step};
 use crate::render::transfer::storage::Reach;

@@ -3,7 +3,7 @@
 use super::ray_state::{Ending, RayState};
 use crate::polynomial::Polynomial;
 use crate::render::bounds::crossing::{Crossing, is_clean};
-use crate::render::bounds::ray_error::Sums;
+use crate::render::bounds::sums::Sums;
 use crate::render::transfer::change::Change;
 use crate::render::transfer::piece::Piece;
 use crate::render::transfer::pieces::PieceList;

@@ -3,7 +3,8 @@
 use std::borrow::Cow;
 
 use super::absorb::{Integrator, Tally};
-use crate::render::bounds::ray_error::{RayError, Sums};
+use crate::render::bounds::ray_error::RayError;
+use crate::render::bounds::sums::Sums;
 use crate::render::bounds::touch::Spread;
 use crate::render::brick::relief::{Group, Relief};
 use crate::render::transfer::change::Change;
@@ -195,7 +196,7 @@ impl<'a> BrickAccount<'a> {
                 let steepest = tally.slope.plus(tally.kinks);
                 levels = levels.min(steepest.times(self.relief.levels_reach));
             }
-            self.error.levels = self.error.levels.plus(levels);
+            self.error.causes.levels = self.error.causes.levels.plus(levels);
         }
         if self.is_spread() {
             // Between constant cells void is met where other cells are.
@@ -204,7 +205,7 @@ impl<'a> BrickAccount<'a> {
         } else {
             // Steps within reach of what is beneath, or of what is not stored exactly.
             let cause = if self.hides {
-                &mut self.error.levels
+                &mut self.error.causes.levels
             } else {
                 self.error.of_stored(self.relief.is_rounded)
             };

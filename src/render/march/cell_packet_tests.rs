@@ -11,7 +11,8 @@ use super::ray_tests::{shells, smooth, steps, transfer};
 use crate::cache::{BrickShape, state};
 use crate::lanes::Width;
 use crate::render::bounds::grade::Care;
-use crate::render::bounds::ray_error::{RayError, Sums};
+use crate::render::bounds::ray_error::RayError;
+use crate::render::bounds::sums::Sums;
 use crate::render::brick::interpolant::DrawnNeighbours;
 use crate::render::brick::scaled::ScaledBrick;
 use crate::render::brick::steepness::Surveyor;
@@ -219,10 +220,16 @@ fn other_causes_are_accounted_for() {
             assert!(found.is_fit);
             let mut stored = 0.0;
             for (found, expected) in found.errors.iter().zip(accounted(&setting, &rays)) {
-                assert!(covers(&found.levels, &expected.levels), "{found:?} {expected:?}");
-                assert!(covers(&found.storage, &expected.storage), "{found:?} {expected:?}");
-                assert!(expected.levels.emission > 0.0);
-                stored += expected.storage.emission;
+                assert!(
+                    covers(&found.causes.levels, &expected.causes.levels),
+                    "{found:?} {expected:?}"
+                );
+                assert!(
+                    covers(&found.causes.storage, &expected.causes.storage),
+                    "{found:?} {expected:?}"
+                );
+                assert!(expected.causes.levels.emission > 0.0);
+                stored += expected.causes.storage.emission;
             }
             assert!(stored > 1e-7, "{stored:e}");
         }
@@ -285,9 +292,9 @@ fn wide_squares_take_levels_of_all_groups() {
             let (mut state, mut error) = (RayState::default(), RayError::default());
             let account = Some((&mut error, &beam));
             march(&setting.passage, &rays[0], &setting.light, &mut state, account);
-            let levels = found.errors[0].levels;
+            let levels = found.errors[0].causes.levels;
             assert!(found.is_fit && (levels.emission > 0.0) == has_levels, "{width}: {levels:?}");
-            assert!(covers(&levels, &error.levels), "{width}: {levels:?} {error:?}");
+            assert!(covers(&levels, &error.causes.levels), "{width}: {levels:?} {error:?}");
         }
     }
 }

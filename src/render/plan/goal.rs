@@ -1,7 +1,7 @@
 //! What a picture is to be, and how far a tile of it has come.
 
 use super::cut::{Cut, ErrorCut};
-use crate::render::bounds::ray_error::ErrorShares;
+use crate::render::bounds::shares::ErrorShares;
 
 /// The part of the goal that a first batch leaves to a single brick: few bricks along a ray are off by as
 /// much as the cut allows. With twice as much rays miss the goal where cells are far wider than pixels, and

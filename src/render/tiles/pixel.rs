@@ -9,7 +9,8 @@
 
 use super::unevenness::{DEVIATIONS, Unevenness};
 use super::waiting::Found;
-use crate::render::bounds::ray_error::{ErrorShares, larger};
+use crate::render::bounds::shares::ErrorShares;
+use crate::render::bounds::sums::larger;
 use crate::sum::Sum;
 
 /// A pixel in hand.
@@ -239,7 +240,7 @@ impl Alone {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::bounds::ray_error::RayShares;
+    use crate::render::bounds::shares::RayShares;
     use crate::render::camera::rays::Square;
     use crate::render::tiles::unevenness::{SquareSides, UNSEEN};
 

@@ -20,7 +20,7 @@ use self::trial::Trial;
 use super::pixel::Pixel;
 use super::waiting::{Found, GROUP_PIXELS, ToDo, Urgency, Waiting};
 use crate::render::bounds::grade::Care;
-use crate::render::bounds::ray_error::ErrorShares;
+use crate::render::bounds::shares::ErrorShares;
 use crate::render::camera::pixel_order::PixelOrder;
 use crate::render::camera::rays::{BATCH_RAYS, PixelGrid, PixelRect, Square};
 use crate::render::plan::cut::Cut;

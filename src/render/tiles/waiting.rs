@@ -4,7 +4,7 @@ use std::cmp::Reverse;
 
 use super::unevenness::Unevenness;
 use crate::render::bounds::grade::Care;
-use crate::render::bounds::ray_error::{ErrorShares, RayShares};
+use crate::render::bounds::shares::{ErrorShares, RayShares};
 use crate::render::camera::rays::{BATCH_RAYS, Square};
 use crate::render::plan::cut::Cut;
 

@@ -145,7 +145,7 @@ fn depths_of_many_parts_are_off_by_no_more_than_their_accounts_say() {
                 let (packed, error) = stage.gather(&square, Way::InPackets);
                 let (exact, _) = stage.gather(&square, Way::Alone);
                 let off = (packed.transmittance.ln() - exact.transmittance.ln()).abs();
-                let bound = error.march.extinction;
+                let bound = error.causes.march.extinction;
                 assert!(off <= bound, "{extinction}, {n}, {x}: {off:e}, not {bound:e}");
             }
         }

@@ -160,7 +160,7 @@ pub(super) struct Packet {
     pub(super) depth: Row,
     /// What rounding has left of light, where cells are constant (else 0), and of depth.
     pub(super) left: [Row; 4],
-    /// What the march makes rays be off by, as [`crate::render::bounds::ray_error::Sums`] have it, per unit
+    /// What the march makes rays be off by, as [`crate::render::bounds::sums::Sums`] have it, per unit
     /// of t.
     pub(super) off: [Row; 3],
     /// What hidden levels make rays be off by, likewise.

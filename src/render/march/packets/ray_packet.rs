@@ -4,7 +4,8 @@ use super::cell_walk::CellWalk;
 use super::lane_rays::{EnterBrick, LaneRays, split};
 use super::{Accounts, Place, Rays, TileRay, lanes};
 use crate::lanes::{MOST_LANES, Row, Width};
-use crate::render::bounds::ray_error::{RayError, Sums};
+use crate::render::bounds::ray_error::RayError;
+use crate::render::bounds::sums::Sums;
 use crate::render::bounds::touch::Spread;
 use crate::render::march::absorb::Integrator;
 use crate::render::march::brick_account::BrickAccount;
@@ -235,9 +236,10 @@ impl RayPacket {
                 extinction: times(extinction, length * table.extinction),
             };
             let march = sums(packet.off.each_ref().map(sum));
-            error.march = error.march.plus(march);
+            error.causes.march = error.causes.march.plus(march);
             if place.passage.hides {
-                error.levels = error.levels.plus(sums(packet.levels.each_ref().map(sum)));
+                error.causes.levels =
+                    error.causes.levels.plus(sums(packet.levels.each_ref().map(sum)));
             }
             if !self.squares.is_empty() {
                 error.farthest = error.farthest.plus(sums(packet.farthest.each_ref().map(sum)));

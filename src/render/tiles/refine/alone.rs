@@ -5,7 +5,7 @@ use std::array::from_fn;
 
 use super::{BATCH_RAYS, Batch, GROUP_PIXELS, MOST_HALVINGS, Next, Sheet, movable};
 use crate::render::bounds::grade::Care;
-use crate::render::bounds::ray_error::ErrorShares;
+use crate::render::bounds::shares::ErrorShares;
 use crate::render::camera::rays::PixelGrid;
 use crate::render::plan::goal::Goal;
 use crate::render::tiles::pixel::Pixel;

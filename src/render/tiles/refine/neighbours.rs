@@ -2,7 +2,7 @@
 
 use super::Sheet;
 use super::alone::ALONE_SHARE;
-use crate::render::bounds::ray_error::ErrorShares;
+use crate::render::bounds::shares::ErrorShares;
 use crate::render::tiles::waiting::Found;
 
 /// Neighbours tell little of a pixel that may be off by this many times the light that was expected

@@ -2,7 +2,7 @@
 
 use super::Batch;
 use crate::render::bounds::grade::Care;
-use crate::render::bounds::ray_error::ErrorShares;
+use crate::render::bounds::shares::ErrorShares;
 use crate::render::plan::cut::Cut;
 use crate::render::tiles::waiting::Found;
 

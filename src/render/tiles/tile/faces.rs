@@ -7,7 +7,7 @@ use std::borrow::Cow;
 
 use glam::DVec3;
 
-use crate::render::bounds::ray_error::Sums;
+use crate::render::bounds::sums::Sums;
 use crate::render::brick::passage::{Passage, Region};
 use crate::render::brick::walk::clip;
 use crate::render::camera::frame::LocalRay;

@@ -16,7 +16,8 @@ use glam::DVec2;
 use super::faces::at_faces;
 use super::lattice::Lattice;
 use super::*;
-use crate::render::bounds::ray_error::{Lent, Sums};
+use crate::render::bounds::lent::Lent;
+use crate::render::bounds::sums::Sums;
 use crate::render::camera::view::Basis;
 
 /// Rays from which on proxies are tried.

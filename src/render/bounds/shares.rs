@@ -1,0 +1,101 @@
+//! How far pictures and rays may be off, by cause.
+
+/// How far a picture may be off, by cause; in its own unit.
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
+pub struct ErrorShares {
+    /// Cells drawn coarser than the data.
+    pub levels: f64,
+    /// Values read in fewer digits than are stored.
+    pub digits: f64,
+    /// Transfer function and integrals replaced by simpler ones.
+    pub quadrature: f64,
+    /// Pixels' areas replaced by finitely many rays, and rays by others beside them.
+    pub pixel_area: f64,
+    /// Stored values that are not the source's: f32, or `ingest --error`.
+    pub storage: f64,
+    /// Rays that ended before the domain's far side.
+    pub termination: f64,
+    /// Rounding, of sums along rays and of the picture's f32.
+    pub rounding: f64,
+}
+
+impl ErrorShares {
+    /// All together.
+    pub fn total(&self) -> f64 {
+        let all = self.levels
+            + self.digits
+            + self.quadrature
+            + self.pixel_area
+            + self.storage
+            + self.termination
+            + self.rounding;
+        // Nothing is known then.
+        if all.is_nan() { f64::INFINITY } else { all }
+    }
+
+    /// All but what pixels' areas are off by, which may be without limit.
+    pub(crate) fn beside_area(&self) -> f64 {
+        Self { pixel_area: 0.0, ..*self }.total()
+    }
+
+    /// Adds `weight` times another's.
+    pub(crate) fn add(&mut self, other: &Self, weight: f64) {
+        self.levels += weight * other.levels;
+        self.digits += weight * other.digits;
+        self.quadrature += weight * other.quadrature;
+        self.pixel_area += weight * other.pixel_area;
+        self.storage += weight * other.storage;
+        self.termination += weight * other.termination;
+        self.rounding += weight * other.rounding;
+    }
+}
+
+/// The same of one of many rays, in half the room: as f32, none smaller than it was.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct RayShares([f32; 7]);
+
+impl From<ErrorShares> for RayShares {
+    fn from(shares: ErrorShares) -> Self {
+        let ErrorShares { levels, digits, quadrature, pixel_area, storage, termination, rounding } =
+            shares;
+        let all = [levels, digits, quadrature, pixel_area, storage, termination, rounding];
+        Self(all.map(|share| {
+            let rounded = share as f32;
+            if f64::from(rounded) < share { rounded.next_up() } else { rounded }
+        }))
+    }
+}
+
+impl From<RayShares> for ErrorShares {
+    fn from(RayShares(all): RayShares) -> Self {
+        let [levels, digits, quadrature, pixel_area, storage, termination, rounding] =
+            all.map(f64::from);
+        Self { levels, digits, quadrature, pixel_area, storage, termination, rounding }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rays_shares_are_no_smaller_in_half_the_room() {
+        let numbers = [0.1, 0.0, 1e-50, f64::INFINITY, 1e300, 1.0, 3e-7];
+        let [levels, digits, quadrature, pixel_area, storage, termination, rounding] = numbers;
+        let shares =
+            ErrorShares { levels, digits, quadrature, pixel_area, storage, termination, rounding };
+        let ErrorShares { levels, digits, quadrature, pixel_area, storage, termination, rounding } =
+            RayShares::from(shares).into();
+        let rounded = [levels, digits, quadrature, pixel_area, storage, termination, rounding];
+        for (rounded, number) in rounded.into_iter().zip(numbers) {
+            assert!(
+                rounded >= number && (rounded > 1e38 || rounded <= 1.000_000_2 * number + 2e-45)
+            );
+        }
+        assert_eq!((rounded[1], rounded[5]), (0.0, 1.0));
+        // What f32 cannot hold has no limit, and takes nothing from what is beside it.
+        let wide = ErrorShares { pixel_area: 1e39, rounding: 1.0, ..ErrorShares::default() };
+        let wide: ErrorShares = RayShares::from(wide).into();
+        assert_eq!((wide.total(), wide.beside_area()), (f64::INFINITY, 1.0));
+    }
+}
