@@ -6,8 +6,8 @@ mod twin;
 
 use deepfield::cache::Cache;
 use deepfield::ingest::{Options, Progress, ingest};
-use deepfield::render::Probe;
-use deepfield::scene::Interpolation;
+use deepfield::render::{Probe, RenderOptions, Rendered, render};
+use deepfield::scene::{Interpolation, Scene};
 use deepfield::space::Decimal;
 use twin::memory::MemorySource;
 
@@ -159,5 +159,51 @@ fn a_region_on_faces_keeps_the_cells_between_them() {
     for swapped in [[["0.4", "0.2", "-0.5"], ["0.3", "0.5", "-0.2"]], [["0"; 3], ["0", "1", "1"]]] {
         let refused = kept("swapped.dfc", swapped).unwrap_err().to_string();
         assert!(refused.contains("no extent along x"), "{refused}");
+    }
+}
+
+/// Beside a NaN cell, which counts as the lower end of the range, values are between that and those
+/// around: what shines there alone is seen, in whichever brick it lies.
+#[test]
+fn what_shines_between_nan_and_other_values_is_seen() {
+    let scene = "[image]\nwidth = 24\nheight = 24\n[camera]\nposition = [0.3, 0.4, -2.0]\n\
+         look_at = [0.31, 0.41, 0.4]\nfov = 6.0\n[render]\nsamples = 1\ntolerance = TOLERANCE\n\
+         [[volume]]\nfield = \"density\"\nscale = \"linear\"\nrange = [0.1, 1.5]\nabsorption = \
+         [[0.0, 0.0], [0.2, 0.0], [0.3, 500.0], [0.4, 0.0], [1.0, 0.0]]\n";
+    let folder = tempfile::tempdir().unwrap();
+    for nan in [[9, 12, 12], [7, 12, 12], [8, 15, 16]] {
+        let source = MemorySource::new([0.0; 3], [1.0; 3], [32; 3], &[]).unwrap().grid(
+            0,
+            [0; 3],
+            [32; 3],
+            |cell| if cell == nan { f64::NAN } else { 1.0 },
+        );
+        for tolerance in ["0", "\"1%\""] {
+            let mut pictures = Vec::new();
+            for brick in [8, 16, 32] {
+                let path = folder.path().join("nan.dfc");
+                let options = Options { brick: Some(brick), ..Options::default() };
+                ingest(&source, &path, &options, &mut Progress::new(&mut |_, _, _| {})).unwrap();
+                let cache = Cache::open(&path, 4).unwrap();
+                let scene = Scene::parse(&scene.replace("TOLERANCE", tolerance), "scene").unwrap();
+                let options = RenderOptions {
+                    memory: 256 << 20,
+                    threads: Some(1),
+                    progress: None,
+                    fixed: None,
+                    resident: false,
+                };
+                pictures.push(render(&cache, &scene, &options).unwrap());
+            }
+            let all = pictures[0].film.pixels();
+            let opacity = all.iter().map(|pixel| pixel[3]).fold(0.0, f32::max);
+            assert!(opacity > 0.9, "{nan:?}, {tolerance}: {opacity}");
+            for Rendered { film, stats, .. } in &pictures[1..] {
+                let bounds = [&pictures[0].stats, stats].map(|stats| stats.error_bound.unwrap());
+                let off = film.pixels().iter().flatten().zip(all.iter().flatten());
+                let off = off.map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max);
+                assert!(off <= bounds[0] + bounds[1], "{nan:?}, {tolerance}: {off:e}");
+            }
+        }
     }
 }

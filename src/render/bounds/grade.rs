@@ -205,8 +205,8 @@ impl Grades {
         self.storage = [most, slope].map(up);
         self.reliefs.clear();
         if has_squares {
-            self.reliefs.extend((0..count).map(|n| row(relief.group(n))));
-            self.reliefs.push(row(&relief.whole));
+            self.reliefs.extend((0..count).map(|n| row(relief.group(n), &transfer.table)));
+            self.reliefs.push(row(&relief.whole, &transfer.table));
             self.reach = up(reach + most);
             self.is_fit_for_wide = grader.is_smooth(&relief.whole);
         }
@@ -284,16 +284,24 @@ fn larger_halves(a: u32, b: u32) -> u32 {
     (a & !0xffff).max(b & !0xffff) | (a & 0xffff).max(b & 0xffff)
 }
 
+/// Where `packet::PacketBrick::reliefs` have what stored values make.
+pub(crate) const STORED: usize = 7;
+
 /// A group's entry in `packet::PacketBrick::reliefs`.
-fn row(group: &Group) -> [f32; 8] {
+fn row(group: &Group, table: &TransferTable) -> [f32; 8] {
     let ([x, y, z], [p, q, r]) = (group.slope, group.uneven);
-    [x, y, z, p, q, r, group.high - group.low, 0.0].map(up)
+    let mut row = [x, y, z, p, q, r, group.high - group.low, 0.0].map(up);
+    row[STORED] = f32::from_bits(pack(group.most_stored(), table));
+    row
 }
 
 /// The same where cells are constant.
 fn cell_row(group: &Group, table: &TransferTable) -> [f32; 8] {
     let [emission, extinction] = relative(group.elsewhere(), table);
-    [emission, extinction, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0].map(|x| up(x.min(MOST_STORED)))
+    let mut row = [0.0; 8];
+    (row[0], row[1]) = (up(emission.min(MOST_STORED)), up(extinction.min(MOST_STORED)));
+    row[STORED] = f32::from_bits(pack(group.most_stored(), table));
+    row
 }
 
 /// Whether a group has values, and no void.
@@ -368,7 +376,7 @@ impl Grader<'_> {
 /// by so much a unit of it in all groups.
 fn stored(group: &Group, slope: f64, table: &TransferTable) -> [f32; 4] {
     let most = group.storage.most();
-    let [emission, extinction] = relative(group.span.slope.times(most), table);
+    let [emission, extinction] = relative(group.most_stored(), table);
     let base = group.storage.base_for(slope, group.low);
     // Adding the slope's share to it rounds.
     let base = base + BASE_ROUNDING * base.abs();

@@ -245,6 +245,11 @@ impl Group {
         self.span.variation.plus(self.span.jumps).max(self.border())
     }
 
+    /// What stored values make of emission and extinction, at most.
+    pub(crate) fn most_stored(&self) -> Change {
+        self.span.slope.times(self.storage.most())
+    }
+
     /// Makes of it what holds for `other` as well.
     fn take_in(&mut self, other: &Self) {
         self.low = self.low.min(other.low);

@@ -188,8 +188,14 @@ impl<'a> BrickAccount<'a> {
         let group = self.group();
         let before = self.error.own_extinction();
         self.error.quadrature += tally.quadrature;
+        let is_spread = self.is_spread();
         let of_stored = self.error.of_stored(self.relief.is_rounded);
-        *of_stored = of_stored.plus(tally.stored);
+        let mut stored = tally.stored;
+        if is_spread {
+            // Others of the square meet values that may be off by more.
+            stored = stored.max(Sums::of(group.most_stored(), tally.length, tally.lit));
+        }
+        *of_stored = of_stored.plus(stored);
         if self.hides {
             let mut levels = Sums::of(group.levels, tally.length, tally.lit);
             if self.relief.levels_reach > 0.0 && !group.fills_void {
@@ -198,7 +204,7 @@ impl<'a> BrickAccount<'a> {
             }
             self.error.causes.levels = self.error.causes.levels.plus(levels);
         }
-        if self.is_spread() {
+        if is_spread {
             // Between constant cells void is met where other cells are.
             let is_met = self.relief.is_piecewise_constant;
             self.add_spread(&tally, if is_met { Change::default() } else { group.border() });

@@ -186,12 +186,13 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         if field.is_void() {
             return true;
         }
-        let is_stored_so = shading.is_transparent(range, field.has_nan(own));
+        let nan = field.has_nan(own);
+        let is_stored_so = shading.is_transparent(range, nan);
         let is_asked = is_stored_so && range[0] <= range[1];
-        let Some(Unseen { exact, limit, off }) = self.context.unseen.filter(|_| is_asked) else {
+        let unseen = self.context.unseen.filter(|_| is_asked).zip(shading.of_source(range, nan));
+        let Some((Unseen { exact, limit, off }, [low, high])) = unseen else {
             return is_stored_so;
         };
-        let [low, high] = shading.of_source(range);
         if shading.transfer.is_transparent(low, high) {
             return true;
         }
@@ -439,7 +440,8 @@ impl WalkContext<'_> {
         seen: &Seen,
         cut: &ErrorCut,
     ) -> f64 {
-        let [low, high] = field.own.map(|value| self.shading.map(value));
+        let own = self.shading.between(field.own, field.has_nan(true));
+        let [low, high] = own.unwrap_or([0.0; 2]);
         let distance = self.shading.distance(record, field, Precision::Full);
         let beneath = distance.range_beneath([low, high]);
         let off = self.shading.read_distance(beneath, field, precision);

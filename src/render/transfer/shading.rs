@@ -1,7 +1,7 @@
 //! From stored values to light: the scene's volume over one field of the cache.
 
 use super::distance::Distance;
-use crate::cache::{CachedField, FieldRecord, Header, NodeRecord, Precision};
+use crate::cache::{CachedField, EMPTY_RANGE, FieldRecord, Header, NodeRecord, Precision};
 use crate::lanes::{Kernel, Lanes, Width};
 use crate::scene::{
     FieldExtrema, Interpolation, Mapping, Rounding, TransferFunction, Units, VolumeSettings,
@@ -124,13 +124,17 @@ impl Shading {
 
     /// What x can be in a brick's box at any level.
     pub(super) fn range(&self, field: &FieldRecord) -> [f64; 2] {
-        let [low, high] = field.tree;
-        let nan = if field.has_nan(false) { self.map(f32::NAN) } else { f64::NAN };
-        if low > high {
-            return [nan.max(0.0), nan.max(0.0)];
-        }
-        // `min` and `max` pass over NaN.
-        [self.map(low).min(nan), self.map(high).max(nan)]
+        self.between(field.tree, field.has_nan(false)).unwrap_or([0.0; 2])
+    }
+
+    /// What x can be between stored values from `min` to `max`, in order, and NaN as well if `nan`;
+    /// none where there are no values.
+    pub(crate) fn between(&self, [min, max]: [f32; 2], nan: bool) -> Option<[f64; 2]> {
+        let values = (min <= max).then(|| [self.map(min), self.map(max)]);
+        let nan = nan.then(|| [self.map(f32::NAN); 2]);
+        let both =
+            |[low, high]: [f64; 2], [least, most]: [f64; 2]| [low.min(least), high.max(most)];
+        values.into_iter().chain(nan).reduce(both)
     }
 
     /// The transfer function's x of a stored value, unclamped.
@@ -143,20 +147,28 @@ impl Shading {
         Width::best().run(MapAll { shading: self, stored, x });
     }
 
-    /// What x may be of the source's values that are stored as from `min` to `max`, in order; the same as
-    /// stored where these are exact.
-    pub(crate) fn of_source(&self, [min, max]: [f32; 2]) -> [f64; 2] {
-        let [low, high] = [self.map(min), self.map(max)];
+    /// What x may be between the source's values that are stored as from `min` to `max`, in order, and
+    /// NaN as well if `nan`; the same as stored where these are exact.
+    pub(crate) fn of_source(&self, range: [f32; 2], nan: bool) -> Option<[f64; 2]> {
+        let [low, high] = self.between(range, nan)?;
         let rounding = self.mapping.rounding(self.relative_error, self.least_exact);
         let off = rounding.between(low, high);
-        [low - off, high + off]
+        Some([low - off, high + off])
     }
 
-    /// Whether nothing in [min, max] of stored values (and NaN, if `nan`) emits or absorbs. An
+    /// Whether nothing that is drawn of stored values in `range` (and NaN, if `nan`) emits or absorbs. An
     /// empty range holds nothing.
-    pub(crate) fn is_transparent(&self, [min, max]: [f32; 2], nan: bool) -> bool {
-        let values = min > max || self.transfer.is_transparent(self.map(min), self.map(max));
-        values && (!nan || self.transfer.is_transparent(self.map(f32::NAN), self.map(f32::NAN)))
+    pub(crate) fn is_transparent(&self, range: [f32; 2], nan: bool) -> bool {
+        let is_nothing = |found: Option<[f64; 2]>| {
+            found.is_none_or(|[low, high]| self.transfer.is_transparent(low, high))
+        };
+        match self.interpolation {
+            // Beside a NaN cell values are between what it counts as and those around it.
+            Interpolation::Linear => is_nothing(self.between(range, nan)),
+            Interpolation::Cell => {
+                is_nothing(self.between(range, false)) && is_nothing(self.between(EMPTY_RANGE, nan))
+            }
+        }
     }
 }
 

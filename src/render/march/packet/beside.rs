@@ -5,8 +5,9 @@
 use super::rows::{load, store};
 use super::square::{Squares, share_near};
 use super::walk::Walk;
-use super::{Packet, PacketBrick, add_off};
+use super::{Packet, PacketBrick, add_off, unpacked};
 use crate::lanes::Lanes;
+use crate::render::bounds::grade::STORED;
 
 /// The squares of a packet's rays, and what their rays see differently.
 pub(super) struct Beside<L: Lanes> {
@@ -54,6 +55,19 @@ impl<L: Lanes> Beside<L> {
         let [at_most, on_average] = [l.mul(seen, reached), l.mul(seen, mean)];
         self.farthest = add_off::<L, ABSORBS>(l, self.farthest, others, at_most, reached);
         self.uneven = add_off::<L, ABSORBS>(l, self.uneven, others, on_average, mean);
+    }
+
+    /// What stored values make of emission and extinction of any of the squares' rays.
+    #[inline(always)]
+    pub(super) fn stored(
+        &self,
+        l: L,
+        brick: &PacketBrick<'_>,
+        walk: &Walk<L>,
+        active: L::Mask,
+    ) -> [L::Float; 2] {
+        let row = self.squares.relief(l, brick, walk.group(brick.groups));
+        unpacked(l, l.bits_of(row[STORED]), active)
     }
 
     /// The shares of the way within reach of each of the cell's six faces, summed.

@@ -93,7 +93,11 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(
             }
             sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, passed.lit, way);
         }
-        let rates = rates_at(l, brick.storages, cell, active);
+        let rates = if has_squares {
+            beside.stored(l, brick, &walk, active)
+        } else {
+            rates_at(l, brick.storages, cell, active)
+        };
         sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, passed.lit, way);
         active = go_on::<L, ABSORBS>(l, &mut walk, &exit, active, gathered.depth[0], fade);
     }

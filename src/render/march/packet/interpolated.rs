@@ -130,7 +130,7 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
         };
         let rates = [emission_off, extinction_off];
         self.sums.off = add_off::<L, ABSORBS>(l, self.sums.off, rates, steep.lit, way);
-        self.add_known::<ABSORBS>(place, &stretch, steep);
+        self.add_known::<ABSORBS>(place, &stretch, steep, &shift);
         let Self { walk, sums, fade, .. } = self;
         self.active = go_on::<L, ABSORBS>(l, walk, &exit, active, sums.depth[0], *fade);
     }
@@ -201,6 +201,7 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
         place: &Place<L>,
         Stretch { way, stored, .. }: &Stretch<'_, L>,
         mut steep: StorageSlopes<L>,
+        shift: &Shift<L>,
     ) {
         let Self { l, brick, active, .. } = *self;
         if !brick.levels.is_empty() {
@@ -211,12 +212,14 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
             }
             self.sums.levels = add_off::<L, ABSORBS>(l, self.sums.levels, rates, steep.lit, *way);
         }
-        if brick.are_proxies {
+        let mut of_group = [stored[0], stored[1]];
+        if !brick.reliefs.is_empty() {
             // Others' values are not those that were met.
             steep.slopes = [l.splat(f32::MAX); 3];
+            of_group = shift.stored(l, active);
         }
         self.sums.stored =
-            add_stored::<L, ABSORBS>(l, self.sums.stored, *stored, active, &steep, *way);
+            add_stored::<L, ABSORBS>(l, self.sums.stored, of_group, active, &steep, *way);
     }
 
     #[inline(always)]
@@ -227,18 +230,17 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
     }
 }
 
-/// Adds what values in a group that are stored as `row` says make over `way`, in active lanes: by
-/// the group's steepest slopes, or by those that were met.
+/// Adds what stored values make over `way`, in active lanes: by what they make of emission and extinction
+/// anywhere in the group, or by the slopes that were met.
 #[inline(always)]
 fn add_stored<L: Lanes, const ABSORBS: bool>(
     l: L,
     mut sums: [L::Float; 3],
-    row: [L::Float; 4],
+    [emission, extinction]: [L::Float; 2],
     active: L::Mask,
     StorageSlopes { lit, slopes }: &StorageSlopes<L>,
     way: L::Float,
 ) -> [L::Float; 3] {
-    let [emission, extinction, ..] = row;
     let of_group = [l.mul(emission, *lit), l.mul(extinction, *lit), l.mul(extinction, way)];
     for n in 0..if ABSORBS { 3 } else { 1 } {
         let least = l.min(of_group[n], slopes[n]);

@@ -106,8 +106,9 @@ pub(super) struct PacketBrick<'g> {
     /// of x.
     pub(super) storage: [f32; 2],
     /// Where rays stand for squares, for each group, and all in one: steepest slopes of x along each
-    /// axis, half the ranges of these, the range of x, and a filler; where cells are constant, what
-    /// emission and extinction differ by from one to any other, relative to the table's, and fillers.
+    /// axis, half the ranges of these, and the range of x; where cells are constant, what emission and
+    /// extinction differ by from one to any other, relative to the table's, and fillers. Last what stored
+    /// values make of emission and extinction at most, packed as `rates` are.
     /// Else empty.
     pub(super) reliefs: &'g [[f32; 8]],
     /// Whether rays are marched in place of others, near them: then what holds for places a cell beside

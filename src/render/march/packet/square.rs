@@ -7,8 +7,9 @@ use super::bends::{kinks_between, slopes_near};
 use super::rows::{distance, load, store};
 use super::sums::Passed;
 use super::walk::Walk;
-use super::{Packet, SLACK};
+use super::{Packet, SLACK, unpacked};
 use crate::lanes::Lanes;
+use crate::render::bounds::grade::STORED;
 
 /// The squares of a packet's rays in a brick.
 #[derive(Clone, Copy)]
@@ -32,6 +33,8 @@ pub(super) struct Shift<L: Lanes> {
     uneven: L::Float,
     /// How far x ranges in the group.
     range: L::Float,
+    /// What stored values make of emission and extinction of any of them, packed.
+    stored: L::Index,
 }
 
 /// Pairs of axes.
@@ -92,16 +95,17 @@ impl<L: Lanes> Squares<L> {
         let (zero, one, half) = (l.splat(0.0), l.splat(1.0), l.splat(0.5));
         let row = self.relief(l, brick, group);
         let (slope, uneven) = ([row[0], row[1], row[2]], [row[3], row[4], row[5]]);
+        let (range, stored) = (row[6], l.bits_of(row[STORED]));
         let spread = self.spread;
         let over =
             l.fma(slope[0], spread[0], l.fma(slope[1], spread[1], l.mul(slope[2], spread[2])));
         if brick.are_proxies {
-            let most = l.min(over, row[6]);
+            let most = l.min(over, range);
             let uneven = self.bent(l, brick, walk, way, uneven, most);
-            return Shift { most, uneven, range: row[6] };
+            return Shift { most, uneven, range, stored };
         }
         // On average half of what slopes make of the farthest, but no more than all there is.
-        let most = l.min(over, l.add(row[6], row[6]));
+        let most = l.min(over, l.add(range, range));
         let mut smooth = l.mul(self.turn, most);
         for n in 0..3 {
             smooth = l.fma(slope[n], self.bend[n], smooth);
@@ -124,7 +128,7 @@ impl<L: Lanes> Squares<L> {
         let parted = l.mul(half_most, l.min(touching, one));
         let uneven = l.min(half_most, l.add(parted, bent));
         let uneven = l.max(l.select(self.wide, half_most, uneven), zero);
-        Shift { most, uneven, range: row[6] }
+        Shift { most, uneven, range, stored }
     }
 
     /// How far values at displaced places are from what is linear in their displacement, at most,
@@ -228,7 +232,14 @@ impl<L: Lanes> Shift<L> {
     /// No difference, for rays that stand for themselves alone.
     #[inline(always)]
     pub(super) fn none(l: L) -> Self {
-        Self { most: l.splat(0.0), uneven: l.splat(0.0), range: l.splat(0.0) }
+        let zero = l.splat(0.0);
+        Self { most: zero, uneven: zero, range: zero, stored: l.bits_of(zero) }
+    }
+
+    /// What stored values make of emission and extinction of any of the squares' rays.
+    #[inline(always)]
+    pub(super) fn stored(&self, l: L, active: L::Mask) -> [L::Float; 2] {
+        unpacked(l, self.stored, active)
     }
 
     /// Adds what rays of the squares see differently over a stretch of `way` that was passed.
