@@ -16,6 +16,8 @@ use crate::{Error, Result};
 
 /// What there is to remove at this moment.
 static LEFTOVERS: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+/// How often a folder is removed that is not empty yet.
+const TRIES: usize = 1000;
 /// Stack of the thread that waits for signals, bytes.
 const STACK: usize = 256 << 10;
 
@@ -101,16 +103,24 @@ pub(crate) fn clear_on_signals() -> io::Result<()> {
         for signal in &mut signals {
             // Kept locked: nothing new may begin.
             let noted = noted();
-            for path in noted.iter() {
-                // Nothing can be done about a failure here.
-                let _ =
-                    if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
-            }
+            noted.iter().for_each(|path| remove(path));
             let _ = emulate_default_handler(signal);
         }
     };
     thread::Builder::new().name("signals".to_owned()).stack_size(STACK).spawn(wait)?;
     Ok(())
+}
+
+/// Removes a file, or a folder in which others may still be making files: again, then. Nothing can be done
+/// about other failures at the process' end.
+fn remove(path: &Path) {
+    for _ in 0..TRIES {
+        let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+        match removed {
+            Err(error) if error.kind() == io::ErrorKind::DirectoryNotEmpty => {}
+            _ => return,
+        }
+    }
 }
 
 /// The signals that the process ignores, the first in the lowest bit, as Linux tells

@@ -202,12 +202,11 @@ fn an_empty_picture_says_why() {
     let set = Set::new("small");
     let (all, none) = (set.ingest("all", &[]), set.ingest("none", &["--drop-below=1e30"]));
     let picture = set.folder.path().join("empty.exr");
-    let say = |cache: &Path, look_at: &str, range: &str| {
+    let say = |cache: &Path, look_at: &str, volume: &str| {
         let scene = format!(
             "[image]\nwidth = 4\nheight = 4\n[camera]\nposition = [0.45, 0.4, -1.2]\n\
              look_at = {look_at}\n[render]\nsamples = 1\n[[volume]]\nfield = \"density\"\n\
-             range = {range}\n\
-             absorption = [[0.0, 0.0], [1.0, 3.0]]\n"
+             {volume}\n"
         );
         let scene = written(set.folder.path(), "scene.toml", &scene);
         let ended = run(&[&"render", &cache, &scene, &"-o", &picture]);
@@ -215,16 +214,25 @@ fn an_empty_picture_says_why() {
         ended.stderr
     };
     let (inside, beside) = ("[0.45, 0.45, 0.4]", "[0.45, 0.4, -2.0]");
-    for (cache, look_at, range, reason) in [
-        (&all, beside, "[0.3, 500.0]", "no data is in view"),
-        (&all, inside, "[1e8, 1e9]", "nothing in view shines or absorbs. Density goes from "),
-        (&none, inside, "[0.3, 500.0]", "no leaf cell has a value of Density"),
+    let seen = "range = [0.3, 500.0]\nabsorption = [[0.0, 0.0], [1.0, 3.0]]";
+    let above = "range = [1e8, 1e9]\nabsorption = [[0.0, 0.0], [1.0, 3.0]]";
+    let at_most = "absorption = [[0.0, 0.0], [0.9999, 0.0], [1.0, 3.0]]";
+    for (cache, look_at, volume, reason) in [
+        (&all, beside, seen, "no data is in view"),
+        (&all, inside, above, "nothing in view shines or absorbs. Density goes from "),
+        (
+            &all,
+            inside,
+            at_most,
+            "no ray met anything that shines or absorbs, which may lie between",
+        ),
+        (&none, inside, seen, "no leaf cell has a value of Density"),
     ] {
-        let said = say(cache, look_at, range);
+        let said = say(cache, look_at, volume);
         let warned = format!("warning: the picture is empty: {reason}");
         assert!(said.starts_with(&warned) && said.lines().count() == 1, "{said}");
     }
-    assert_eq!(say(&all, inside, "[0.3, 500.0]"), "");
+    assert_eq!(say(&all, inside, seen), "");
 }
 
 #[test]

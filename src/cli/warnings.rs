@@ -74,6 +74,10 @@ fn nothing_seen(stats: &Stats, CachedField { name, min, max, .. }: &CachedField)
             .to_owned()
     } else if min > max {
         format!("no leaf cell has a value of {name}")
+    } else if stats.bricks_skipped_transparent < stats.bricks_in_view {
+        format!(
+            "no ray met anything that shines or absorbs, which may lie between rays (see `samples`). {name} goes from {min:.3e} to {max:.3e} (code units): see `range`, `absorption` and `emission`"
+        )
     } else {
         format!(
             "nothing in view shines or absorbs. {name} goes from {min:.3e} to {max:.3e} (code units): see `range`, `absorption` and `emission`"

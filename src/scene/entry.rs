@@ -171,9 +171,8 @@ impl<'a> Entry<'a> {
     /// A whole number of `range`.
     pub(super) fn whole(&self, range: Range<u32>) -> Result<u32> {
         match self.value.get_ref() {
-            DeValue::Integer(_) => self
-                .digits()
-                .and_then(|digits| digits.parse().ok())
+            DeValue::Integer(number) => u32::from_str_radix(number.as_str(), number.radix())
+                .ok()
                 .filter(|number| range.contains(number))
                 .ok_or_else(|| {
                     self.error(format_args!("must be from {} to {}", range.start, range.end - 1))

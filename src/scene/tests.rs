@@ -88,6 +88,10 @@ fn every_key_is_read() {
     assert_eq!(volume.color.table().value(0.5), [0.5, 0.75, 1.5]);
     assert_eq!(volume.absorption.value(0.5), [7.0]);
     assert_eq!(volume.emission.unwrap().value(0.5), [3.0]);
+    for (written, width) in [("0x40", 64), ("0o17", 15), ("0b101", 5), ("1_920", 1920), ("+7", 7)] {
+        let text = FULL.replace("width = 1920", &format!("width = {written}"));
+        assert_eq!(parse(&text).unwrap().image.width, width, "{written}");
+    }
     let telescope = FULL.replace("orthographic", "perspective");
     let projection = parse(&telescope).unwrap().camera.projection;
     assert_eq!(projection, Projection::Perspective { fov_degrees: 1e-12 });
@@ -103,7 +107,7 @@ const FAULTS: [(&str, &str, usize, &str); 44] = [
     ("width = 1920", "width = -5", 3, "from 1 to 65536"),
     ("width = 1920", "width = 99999999999999999999999", 3, "from 1 to 65536"),
     ("width = 1920", "width = 512.0", 3, "whole number"),
-    ("width = 1920", "width = 0x10", 3, "from 1 to 65536"),
+    ("width = 1920", "width = 0x10001", 3, "from 1 to 65536"),
     ("exposure = -1.5", "exposure = nan", 5, "finite"),
     ("exposure = -1.5", "exposure = 1e9", 5, "stops"),
     ("\"orthographic\"", "\"ortographic\"", 8, "did you mean `orthographic`?"),
