@@ -1,8 +1,11 @@
 //! The files of one output: `NAME[-idP][-levL][-domD].NNNN[.ID].vtk`, one for each domain and
 //! process, those of levels above the root in folders `levL`, those of processes in `idP`.
+//!
+//! `NAME` may itself end like the parts after it: folders and titles tell which of them are there.
 
 use std::path::{Path, PathBuf};
 
+use super::header::Title;
 use crate::source::folder::entries;
 use crate::{Error, Result};
 
@@ -15,9 +18,9 @@ struct Name {
 }
 
 impl Name {
-    /// The output that a file of this name belongs to.
-    fn parse(file: &str) -> Option<Self> {
-        let stem = file.strip_suffix(".vtk")?;
+    /// The output that the file at `path` belongs to.
+    fn parse(path: &Path) -> Option<Self> {
+        let stem = path.file_name()?.to_str()?.strip_suffix(".vtk")?;
         let is_number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
         let parts: Vec<&str> = stem.split('.').collect();
         let (base, number, id) = match parts.as_slice() {
@@ -28,14 +31,36 @@ impl Name {
             base => (base, "", ""),
         };
         let base = base.join(".");
-        let base = ["-dom", "-lev", "-id"].iter().fold(base.as_str(), |base, part| {
-            match base.rsplit_once(part) {
-                Some((before, number)) if is_number(number) => before,
-                _ => base,
-            }
-        });
-        Some(Self { base: base.to_owned(), number: number.to_owned(), id: id.to_owned() })
+        let base = without_parts(&base, path).to_owned();
+        Some(Self { base, number: number.to_owned(), id: id.to_owned() })
     }
+}
+
+/// The run's name in `base`, without the parts that Athena appends: it numbers neither the first
+/// process, nor the root level, nor a level's first domain.
+fn without_parts<'a>(base: &'a str, path: &Path) -> &'a str {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let title = match ends_with_number(base, "-dom") || ends_with_number(base, "-lev") {
+        true => Title::of(path),
+        false => None,
+    };
+    let level = numbered(folder, "lev").or(title.as_ref().map(|title| title.level.into()));
+    let base = without(base, "-dom", title.map(|title| title.domain.into()));
+    let base = without(base, "-lev", level);
+    without(base, "-id", process(path))
+}
+
+fn ends_with_number(base: &str, part: &str) -> bool {
+    without(base, part, None).len() < base.len()
+}
+
+/// `base` without `part` and a number at its end: `expected`, if that is known.
+fn without<'a>(base: &'a str, part: &str, expected: Option<u64>) -> &'a str {
+    let found = base.rsplit_once(part).and_then(|(before, number)| {
+        let number = number.parse::<u64>().ok().filter(|&n| n > 0)?;
+        (expected.is_none() || expected == Some(number)).then_some(before)
+    });
+    found.unwrap_or(base)
 }
 
 /// One output of a run.
@@ -46,23 +71,32 @@ struct Output {
     name: Name,
 }
 
-/// Whether `folder`'s name is `prefix` and a number.
-fn is_numbered(folder: &Path, prefix: &str) -> bool {
-    let number = folder.file_name().and_then(|name| name.to_str()?.strip_prefix(prefix));
-    number.is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
+impl Output {
+    /// The output that the file at `path` belongs to.
+    fn of(path: &Path) -> Option<Self> {
+        Some(Self { parallel: process(path).is_some(), name: Name::parse(path)? })
+    }
 }
 
-/// The folder of the run whose files stand in `folder`, and whether that is a process' folder.
-fn run_folder(folder: &Path) -> (&Path, bool) {
-    let above = |folder, prefix| match is_numbered(folder, prefix) {
-        true => folder.parent(),
-        false => None,
-    };
+/// The number in `folder`'s name, where that is `prefix` and a number.
+fn numbered(folder: &Path, prefix: &str) -> Option<u64> {
+    let number = folder.file_name()?.to_str()?.strip_prefix(prefix)?;
+    number.parse().ok().filter(|_| number.bytes().all(|b| b.is_ascii_digit()))
+}
+
+/// The folder of the run whose files stand in `folder`, and the process whose folder that is.
+fn run_folder(folder: &Path) -> (&Path, Option<u64>) {
+    let above = |folder, prefix| numbered(folder, prefix).and(folder.parent());
     let run = above(folder, "lev").unwrap_or(folder);
     match above(run, "id") {
-        Some(above) => (above, true),
-        None => (run, false),
+        Some(above) => (above, numbered(run, "id")),
+        None => (run, None),
     }
+}
+
+/// The process that wrote the file at `path`, where it stands in the folder of one.
+pub(super) fn process(path: &Path) -> Option<u64> {
+    run_folder(path.parent()?).1
 }
 
 /// One of the files that `folder` holds or the run that it is part of, of whatever output.
@@ -81,10 +115,8 @@ pub(super) fn of_output(path: &Path) -> Result<Vec<PathBuf>> {
     if absolute.is_dir() {
         return of_folder(path, &absolute);
     }
-    let name = absolute.file_name().and_then(|name| Name::parse(name.to_str()?));
-    let Some(name) = name else { return Ok(vec![absolute]) };
-    let (run, parallel) = run_folder(absolute.parent().unwrap_or(Path::new("/")));
-    let output = Output { parallel, name };
+    let Some(output) = Output::of(&absolute) else { return Ok(vec![absolute]) };
+    let (run, _) = run_folder(absolute.parent().unwrap_or(Path::new("/")));
     let mut files = all(run)?;
     files.retain(|(of, _)| *of == output);
     Ok(files.into_iter().map(|(_, file)| file).collect())
@@ -113,35 +145,38 @@ fn of_folder(path: &Path, absolute: &Path) -> Result<Vec<PathBuf>> {
 fn all(folder: &Path) -> Result<Vec<(Output, PathBuf)>> {
     let mut files = Vec::new();
     let top = entries(folder)?;
-    add(&top, false, &mut files)?;
-    for process in top.iter().filter(|entry| is_numbered(entry, "id") && entry.is_dir()) {
-        add(&entries(process)?, true, &mut files)?;
+    add(&top, &mut files)?;
+    for process in top.iter().filter(|entry| numbered(entry, "id").is_some() && entry.is_dir()) {
+        add(&entries(process)?, &mut files)?;
     }
     files.sort();
     Ok(files)
 }
 
 /// Adds the files among `entries` and in folders of levels among them.
-fn add(entries_here: &[PathBuf], parallel: bool, to: &mut Vec<(Output, PathBuf)>) -> Result<()> {
+fn add(entries_here: &[PathBuf], to: &mut Vec<(Output, PathBuf)>) -> Result<()> {
     for entry in entries_here {
-        if is_numbered(entry, "lev") && entry.is_dir() {
-            for file in entries(entry)? {
-                to.extend(with_output(file, parallel));
-            }
+        if numbered(entry, "lev").is_some() && entry.is_dir() {
+            to.extend(entries(entry)?.into_iter().filter_map(with_output));
         }
-        to.extend(with_output(entry.clone(), parallel));
+        to.extend(with_output(entry.clone()));
     }
     Ok(())
 }
 
-fn with_output(file: PathBuf, parallel: bool) -> Option<(Output, PathBuf)> {
-    let name = Name::parse(file.file_name()?.to_str()?)?;
-    file.is_file().then_some((Output { parallel, name }, file))
+fn with_output(file: PathBuf) -> Option<(Output, PathBuf)> {
+    let output = Output::of(&file)?;
+    file.is_file().then_some((output, file))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Parses the name of a file that is not there.
+    fn parse(file: &str) -> Option<Name> {
+        Name::parse(&Path::new("/nowhere/run").join(file))
+    }
 
     #[test]
     fn names_tell_what_belongs_together() {
@@ -154,13 +189,47 @@ mod tests {
             "Blast-lev1.0010.vtk",
             "Blast-id12-lev2-dom3.0010.vtk",
         ] {
-            assert_eq!(Name::parse(file), name("Blast", "0010", ""), "{file}");
+            assert_eq!(parse(file), name("Blast", "0010", ""), "{file}");
         }
-        assert_eq!(Name::parse("b.x-id3-dom2.0001.d.vtk"), name("b.x", "0001", "d"));
-        assert_eq!(Name::parse("joined.vtk"), name("joined", "", ""));
-        assert_eq!(Name::parse("B-lev.0001.vtk"), name("B-lev", "0001", ""));
-        assert_eq!(Name::parse("0001.vtk"), name("0001", "", ""));
-        assert_eq!(Name::parse("Blast.0010.tab"), None);
+        assert_eq!(parse("b.x-id3-dom2.0001.d.vtk"), name("b.x", "0001", "d"));
+        assert_eq!(parse("joined.vtk"), name("joined", "", ""));
+        assert_eq!(parse("B-lev.0001.vtk"), name("B-lev", "0001", ""));
+        assert_eq!(parse("0001.vtk"), name("0001", "", ""));
+        assert_eq!(parse("Blast.0010.tab"), None);
+    }
+
+    #[test]
+    fn folders_tell_parts_from_names_that_end_like_them() {
+        for (file, base) in [
+            ("id0/B-id1.0001.vtk", "B-id1"),
+            ("id1/B-id1-id1.0001.vtk", "B-id1"),
+            ("id1/lev2/B-id1-id1-lev2.0001.vtk", "B-id1"),
+            ("id0/lev2/B-lev1-lev2.0001.vtk", "B-lev1"),
+            ("lev2/B-lev2-lev2.0001.vtk", "B-lev2"),
+            ("B-lev0-dom0.0001.vtk", "B-lev0-dom0"),
+        ] {
+            assert_eq!(parse(file).unwrap().base, base, "{file}");
+        }
+    }
+
+    #[test]
+    fn titles_tell_parts_from_names_that_end_like_them() {
+        let run = tempfile::tempdir().unwrap();
+        for (name, level, domain) in [
+            ("B-dom1.0001.vtk", 0, 0),
+            ("lev1/B-dom1-lev1.0001.vtk", 1, 0),
+            ("lev1/B-dom1-lev1-dom1.0001.vtk", 1, 1),
+            ("C-lev1.0001.vtk", 0, 0),
+            ("lev1/C-lev1-lev1.0001.vtk", 1, 0),
+        ] {
+            let file = run.path().join(name);
+            std::fs::create_dir_all(file.parent().unwrap()).unwrap();
+            let title = format!("PRIMITIVE vars at time= 0, level= {level}, domain= {domain}");
+            std::fs::write(&file, format!("# vtk DataFile Version 2.0\n{title}\n")).unwrap();
+        }
+        for (name, files) in [("B-dom1.0001.vtk", 3), ("C-lev1.0001.vtk", 2)] {
+            assert_eq!(of_output(&run.path().join(name)).unwrap().len(), files, "{name}");
+        }
     }
 
     #[test]

@@ -50,10 +50,8 @@ impl Printed {
 /// What a file's header says.
 #[derive(Debug, Clone)]
 pub(super) struct Header {
-    /// Code time.
-    pub(super) time: Option<f64>,
-    /// Level of the domain that the file is of.
-    pub(super) level: u32,
+    /// Time, level and domain.
+    pub(super) title: Title,
     /// Cells along x, y, z.
     pub(super) cells: [u32; 3],
     /// Lower corner.
@@ -64,25 +62,36 @@ pub(super) struct Header {
     pub(super) variables: u64,
 }
 
-/// Time and level of Athena's title, `PRIMITIVE vars at time= 1.0e+00, level= 0, domain= 0`.
-fn title(line: &str) -> Option<(f64, u32)> {
-    let after = |key: &str| {
-        let (_, rest) = line.split_once(key)?;
-        rest.trim_start().split([',', ' ']).next()
-    };
-    let (time, level) = (after("time=")?, after("level=")?);
-    after("domain=")?.parse::<u32>().ok()?;
-    Some((time.parse().ok()?, level.parse().ok()?))
+/// Athena's title, `PRIMITIVE vars at time= 1.0e+00, level= 0, domain= 0`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Title {
+    time: f64,
+    /// Level of the domain that the file is of.
+    pub(super) level: u32,
+    /// The domain's number among those of its level.
+    pub(super) domain: u32,
 }
 
-/// Whether the file at `path` begins as Athena's do.
-pub(super) fn looks_right(path: &Path) -> bool {
-    let begins = || -> Result<bool> {
-        let mut lines = Lines::open(path)?;
-        let vtk = lines.expect("VTK's mark")?.starts_with("# vtk DataFile Version");
-        Ok(vtk && title(&lines.expect("a title")?).is_some())
-    };
-    begins().is_ok_and(|begins| begins)
+impl Title {
+    fn parse(line: &str) -> Option<Self> {
+        let after = |key: &str| {
+            let (_, rest) = line.split_once(key)?;
+            rest.trim_start().split([',', ' ']).next()
+        };
+        let [time, level, domain] = ["time=", "level=", "domain="].map(after);
+        Some(Self {
+            time: time?.parse().ok()?,
+            level: level?.parse().ok()?,
+            domain: domain?.parse().ok()?,
+        })
+    }
+
+    /// The title of the file at `path`, where it begins as Athena's do.
+    pub(super) fn of(path: &Path) -> Option<Self> {
+        let mut lines = Lines::open(path).ok()?;
+        let vtk = lines.expect("VTK's mark").ok()?.starts_with("# vtk DataFile Version");
+        Self::parse(&lines.expect("a title").ok()?).filter(|_| vtk)
+    }
 }
 
 fn three<T: FromStr>(text: &str) -> Option<[T; 3]> {
@@ -91,6 +100,16 @@ fn three<T: FromStr>(text: &str) -> Option<[T; 3]> {
 }
 
 impl Header {
+    /// Code time.
+    pub(super) fn time(&self) -> Option<f64> {
+        Some(self.title.time).filter(|time| time.is_finite())
+    }
+
+    /// Level of the domain that the file is of.
+    pub(super) fn level(&self) -> u32 {
+        self.title.level
+    }
+
     /// Reads the header of the file at `path`.
     ///
     /// # Errors
@@ -101,7 +120,8 @@ impl Header {
         lines.parse("`# vtk DataFile Version`", |text| {
             text.starts_with("# vtk DataFile Version").then_some(())
         })?;
-        let (time, level) = lines.parse("Athena's `… time= …, level= …, domain= …`", title)?;
+        let title = lines.parse("Athena's `… time= …, level= …, domain= …`", Title::parse)?;
+        let level = title.level;
         if level > MAX_OCTREE_LEVEL {
             let reason = format!("level {level}: at most {MAX_OCTREE_LEVEL} are supported");
             return Err(lines.fault(&reason));
@@ -120,8 +140,7 @@ impl Header {
             return Err(lines.fault(&reason));
         }
         Ok(Self {
-            time: Some(time).filter(|time| time.is_finite()),
-            level,
+            title,
             cells,
             origin: grid.origin.ok_or_else(|| missing("ORIGIN"))?,
             spacing: grid.spacing.ok_or_else(|| missing("SPACING"))?,

@@ -85,7 +85,7 @@ pub(super) fn place(
     levels: &Levels,
     number: u64,
 ) -> Result<GridRecord, String> {
-    let level = header.level;
+    let level = header.level();
     let octree = levels.octree(level as usize).ok_or("lies deeper than all levels")?;
     let width = domain.cell_width(octree.cast_signed());
     for a in 0..3 {

@@ -10,7 +10,7 @@ mod tests;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use header::Header;
+use header::{Header, Title};
 
 use super::open_file::OpenFile;
 use super::{Format, GridBlock, GridRecord, Hierarchy, Source, SourceField, first_named};
@@ -32,8 +32,8 @@ const DENSITIES: [&str; 2] = ["density", "d"];
 
 fn recognises(path: &Path) -> bool {
     match path.is_dir() {
-        true => files::any(path).is_some_and(|file| header::looks_right(&file)),
-        false => header::looks_right(path),
+        true => files::any(path).is_some_and(|file| Title::of(&file).is_some()),
+        false => Title::of(path).is_some(),
     }
 }
 
@@ -59,10 +59,10 @@ impl Output {
             return Err(Error::request(format!("{}: holds no .vtk files", path.display())));
         };
         let root: Vec<&Header> =
-            pieces.iter().map(|piece| &piece.header).filter(|header| header.level == 0).collect();
+            pieces.iter().map(|piece| &piece.header).filter(|header| header.level() == 0).collect();
         let invalid = |reason| Error::invalid(path.display(), reason);
         let domain = lattice::domain(&root).map_err(invalid)?;
-        let deepest = pieces.iter().map(|piece| piece.header.level).max().unwrap_or(0);
+        let deepest = pieces.iter().map(|piece| piece.header.level()).max().unwrap_or(0);
         let levels = Levels::from_factors(&vec![lattice::FACTOR; deepest as usize])?;
         let fields = common_fields(&pieces)?;
         if fields.is_empty() {
@@ -73,7 +73,7 @@ impl Output {
         let field = |name| SourceField { name, units: None, to_cgs: None };
         let fields: Vec<_> = fields.into_iter().map(field).collect();
         let density = first_named(&fields, &DENSITIES);
-        let hierarchy = Hierarchy { domain, levels, fields, density, time: first.header.time };
+        let hierarchy = Hierarchy { domain, levels, fields, density, time: first.header.time() };
         Ok(Self { path: path.to_path_buf(), hierarchy, pieces })
     }
 }
@@ -82,7 +82,7 @@ impl Output {
 fn common_fields(pieces: &[Piece]) -> Result<Vec<String>> {
     let mut first_of_levels: BTreeMap<u32, &Piece> = BTreeMap::new();
     for piece in pieces {
-        first_of_levels.entry(piece.header.level).or_insert(piece);
+        first_of_levels.entry(piece.header.level()).or_insert(piece);
     }
     let mut common: Option<Vec<String>> = None;
     for piece in first_of_levels.into_values() {

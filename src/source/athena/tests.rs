@@ -11,11 +11,11 @@ struct Made {
     files: Vec<(&'static str, String, u32)>,
 }
 
-fn header(level: u32, points: [u32; 3], origin: &str, spacing: &str) -> String {
+fn header([level, domain]: [u32; 2], points: [u32; 3], origin: &str, spacing: &str) -> String {
     let cells: u32 = points.iter().map(|n| n - 1).product();
     format!(
         "# vtk DataFile Version 2.0\nPRIMITIVE vars at time= 1.500000e+00, level= {level}, domain= \
-         0\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS {} {} {}\nORIGIN {origin} \nSPACING \
+         {domain}\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS {} {} {}\nORIGIN {origin} \nSPACING \
          {spacing} \nCELL_DATA {cells} \n",
         points[0], points[1], points[2]
     )
@@ -25,25 +25,31 @@ impl Made {
     fn new() -> Self {
         let root = "5.000000e-01 5.000000e-01 2.500000e-01";
         let files = [
-            ("id0/B.0001.vtk", 0, [3, 7, 9], "-1.000000e+00 0.000000e+00 0.000000e+00", root),
-            ("id1/B-id1.0001.vtk", 0, [3, 7, 9], "0.000000e+00 0.000000e+00 0.000000e+00", root),
+            ("id0/B.0001.vtk", [0, 0], [3, 7, 9], "-1.000000e+00 0.000000e+00 0.000000e+00", root),
+            (
+                "id1/B-id1.0001.vtk",
+                [0, 0],
+                [3, 7, 9],
+                "0.000000e+00 0.000000e+00 0.000000e+00",
+                root,
+            ),
             (
                 "id0/lev1/B-lev1.0001.vtk",
-                1,
+                [1, 0],
                 [5, 3, 5],
                 "-5.000000e-01 5.000000e-01 2.500000e-01",
                 "2.500000e-01 2.500000e-01 1.250000e-01",
             ),
             (
                 "id1/lev2/B-id1-lev2-dom1.0001.vtk",
-                2,
+                [2, 1],
                 [5, 3, 5],
                 "-2.500000e-01 5.000000e-01 2.500000e-01",
                 "1.250000e-01 1.250000e-01 6.250000e-02",
             ),
         ];
-        let made = |(name, level, points, origin, spacing): (_, _, [u32; 3], _, _)| {
-            (name, header(level, points, origin, spacing), points.iter().map(|n| n - 1).product())
+        let made = |(name, place, points, origin, spacing): (_, _, [u32; 3], _, _)| {
+            (name, header(place, points, origin, spacing), points.iter().map(|n| n - 1).product())
         };
         Self { folder: tempfile::tempdir().unwrap(), files: files.map(made).to_vec() }
     }
@@ -119,11 +125,15 @@ fn edges_are_what_few_digits_stand_for() {
     let third = "3.333333e-01 3.333333e-01 3.333333e-01";
     let mut made = Made::new();
     made.files = vec![
-        ("B.0001.vtk", header(0, [4, 4, 4], "-1.000000e-01 0.000000e+00 0.000000e+00", third), 27),
+        (
+            "B.0001.vtk",
+            header([0, 0], [4, 4, 4], "-1.000000e-01 0.000000e+00 0.000000e+00", third),
+            27,
+        ),
         (
             "lev1/B-lev1.0001.vtk",
             header(
-                1,
+                [1, 0],
                 [3, 3, 3],
                 "2.333333e-01 3.333333e-01 6.666667e-01",
                 "1.666667e-01 1.666667e-01 1.666667e-01",
@@ -138,7 +148,7 @@ fn edges_are_what_few_digits_stand_for() {
     // Of few digits 0 is none, and nearer to nothing else.
     let mut made = Made::new();
     let origin = "-1.000000e+00 0.000000e+00 0.000000e+00";
-    made.files = vec![("B.0001.vtk", header(0, [4, 4, 4], origin, third), 27)];
+    made.files = vec![("B.0001.vtk", header([0, 0], [4, 4, 4], origin, third), 27)];
     made.write();
     let source = crate::source::open(made.folder.path(), None).unwrap();
     assert_eq!(source.hierarchy().domain.right(), [0.0, 1.0, 1.0]);
@@ -150,7 +160,7 @@ fn edges_far_from_the_origin_have_few_digits_too() {
     let place = "5.386800e+01 0.000000e+00 0.000000e+00";
     let width = "1.562500e-02 1.562500e-02 1.562500e-02";
     let mut made = Made::new();
-    made.files = vec![("B.0001.vtk", header(0, [22, 3, 3], place, width), 84)];
+    made.files = vec![("B.0001.vtk", header([0, 0], [22, 3, 3], place, width), 84)];
     made.write();
     let [(grid, _)] = &made.read(0).unwrap()[..] else { panic!("one grid") };
     assert_eq!((grid.lo, grid.size), ([0; 3], [21, 2, 2]));
