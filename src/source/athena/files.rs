@@ -3,6 +3,7 @@
 //!
 //! `NAME` may itself end like the parts after it: folders and titles tell which of them are there.
 
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use super::header::Title;
@@ -76,6 +77,19 @@ impl Output {
     fn of(path: &Path) -> Option<Self> {
         Some(Self { parallel: process(path).is_some(), name: Name::parse(path)? })
     }
+
+    /// Whether the output differs from `other` by its number alone.
+    fn is_of_series(&self, other: &Self) -> bool {
+        let key =
+            |output: &Self| (output.parallel, output.name.base.clone(), output.name.id.clone());
+        key(self) == key(other)
+    }
+
+    /// The path of one of the output's files without the output's number: the same for that file of
+    /// all outputs of a run.
+    fn part(&self, file: &Path) -> String {
+        file.to_string_lossy().replace(&format!(".{}.", self.name.number), ".")
+    }
 }
 
 /// The number in `folder`'s name, where that is `prefix` and a number.
@@ -105,21 +119,42 @@ pub(super) fn any(folder: &Path) -> Option<PathBuf> {
     all(run_folder(&absolute).0).ok()?.into_iter().next().map(|(_, file)| file)
 }
 
+/// The files of an output.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(super) struct Files {
+    /// Its own.
+    pub(super) own: Vec<PathBuf>,
+    /// Of parts of the mesh that other outputs of the run have files of, and this one has none, one
+    /// such file each.
+    pub(super) elsewhere: Vec<PathBuf>,
+}
+
 /// The files of the output that `path` means: one of its files, or a folder with one output.
 ///
 /// # Errors
 /// A folder that cannot be read, or that holds several outputs.
-pub(super) fn of_output(path: &Path) -> Result<Vec<PathBuf>> {
+pub(super) fn of_output(path: &Path) -> Result<Files> {
     let absolute =
         std::path::absolute(path).map_err(|e| Error::io(path, "cannot be made absolute", e))?;
     if absolute.is_dir() {
-        return of_folder(path, &absolute);
+        return Ok(Files { own: of_folder(path, &absolute)?, ..Files::default() });
     }
-    let Some(output) = Output::of(&absolute) else { return Ok(vec![absolute]) };
+    let Some(output) = Output::of(&absolute) else {
+        return Ok(Files { own: vec![absolute], ..Files::default() });
+    };
     let (run, _) = run_folder(absolute.parent().unwrap_or(Path::new("/")));
-    let mut files = all(run)?;
-    files.retain(|(of, _)| *of == output);
-    Ok(files.into_iter().map(|(_, file)| file).collect())
+    let mut parts = BTreeMap::new();
+    let (mut own, mut has) = (Vec::new(), HashSet::new());
+    for (of, file) in all(run)? {
+        if of == output {
+            has.insert(of.part(&file));
+            own.push(file);
+        } else if of.is_of_series(&output) {
+            parts.insert(of.part(&file), file);
+        }
+    }
+    parts.retain(|part, _| !has.contains(part));
+    Ok(Files { own, elsewhere: parts.into_values().collect() })
 }
 
 fn of_folder(path: &Path, absolute: &Path) -> Result<Vec<PathBuf>> {
@@ -228,7 +263,7 @@ mod tests {
             std::fs::write(&file, format!("# vtk DataFile Version 2.0\n{title}\n")).unwrap();
         }
         for (name, files) in [("B-dom1.0001.vtk", 3), ("C-lev1.0001.vtk", 2)] {
-            assert_eq!(of_output(&run.path().join(name)).unwrap().len(), files, "{name}");
+            assert_eq!(of_output(&run.path().join(name)).unwrap().own.len(), files, "{name}");
         }
     }
 
@@ -248,15 +283,15 @@ mod tests {
         }
         let expected: Vec<PathBuf> = names.iter().map(|name| run.path().join(name)).collect();
         for name in names.iter().copied().chain([".", "id0", "id1/lev1"]) {
-            let mut found = of_output(&run.path().join(name)).unwrap();
+            let mut found = of_output(&run.path().join(name)).unwrap().own;
             found.sort();
             assert_eq!(found, expected, "{name}");
         }
         // A file joined from the processes' is an output of its own.
         std::fs::write(run.path().join("B.0001.vtk"), "").unwrap();
-        let joined = of_output(&run.path().join("B.0001.vtk")).unwrap();
+        let joined = of_output(&run.path().join("B.0001.vtk")).unwrap().own;
         assert_eq!(joined, [run.path().join("B.0001.vtk")]);
-        assert_eq!(of_output(&expected[0]).unwrap().len(), 4);
+        assert_eq!(of_output(&expected[0]).unwrap().own.len(), 4);
         let error = of_output(run.path()).unwrap_err().to_string();
         assert!(error.contains("holds 2 Athena outputs"), "{error}");
     }

@@ -110,6 +110,11 @@ impl Header {
         self.title.level
     }
 
+    /// Level and number of the domain that the file is of.
+    pub(super) fn place(&self) -> (u32, u32) {
+        (self.title.level, self.title.domain)
+    }
+
     /// Reads the header of the file at `path`.
     ///
     /// # Errors

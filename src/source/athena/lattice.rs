@@ -4,7 +4,7 @@ use super::header::{Header, PRINTED_DIGITS, Printed};
 use crate::Result;
 use crate::source::GridRecord;
 use crate::source::lattice::{AXES, LARGEST_DEVIATION, nearest_corner};
-use crate::space::{Domain, Levels};
+use crate::space::{Domain, IndexBox};
 
 /// Athena refines by this everywhere.
 pub(super) const FACTOR: u32 = 2;
@@ -79,20 +79,30 @@ impl Extent<'_> {
 /// # Errors
 /// The reason, where it does not fit the lattice of its level, or its digits do not tell where it
 /// lies.
-pub(super) fn place(
-    header: &Header,
-    domain: &Domain,
-    levels: &Levels,
-    number: u64,
-) -> Result<GridRecord, String> {
+pub(super) fn place(header: &Header, domain: &Domain, number: u64) -> Result<GridRecord, String> {
+    let IndexBox { lo, hi } = cells(header, domain)?;
+    for a in 0..3 {
+        let last = i128::from(domain.root_cells()[a]) << header.level();
+        if lo[a] < 0 || hi[a] > last {
+            return Err(format!("reaches outside the domain along {}", AXES[a]));
+        }
+    }
+    Ok(GridRecord { id: number, level: header.level(), lo, size: header.cells, locator: number })
+}
+
+/// The cells of a file, wherever they lie on the lattice of their level.
+///
+/// # Errors
+/// The reason, where they do not fit the lattice, or their digits do not tell where they lie.
+pub(super) fn cells(header: &Header, domain: &Domain) -> Result<IndexBox, String> {
+    // As many factors of 2 as levels.
     let level = header.level();
-    let octree = levels.octree(level as usize).ok_or("lies deeper than all levels")?;
-    let width = domain.cell_width(octree.cast_signed());
+    let width = domain.cell_width(level.cast_signed());
     for a in 0..3 {
         let spacing = &header.spacing[a];
         // The domain's width is of few digits too, and its upper edge of as few as the lower one.
         let farthest = domain.left()[a].abs().max(domain.right()[a].abs());
-        let cells = (domain.root_cells()[a] as f64) * f64::from(octree).exp2();
+        let cells = (domain.root_cells()[a] as f64) * f64::from(level).exp2();
         let slack = spacing.error().max(1e-6 * width[a]).max(1e-6 * farthest / cells);
         if (spacing.value - width[a]).abs() > 4.0 * slack {
             return Err(format!(
@@ -109,12 +119,6 @@ pub(super) fn place(
     }
     let shown = header.origin.each_ref().map(|printed| printed.value);
     let origin = header.origin.iter().map(Printed::decimal);
-    let lo = nearest_corner(domain, level, octree, origin, "origin", shown)?;
-    for a in 0..3 {
-        let last = i128::from(domain.root_cells()[a]) << octree;
-        if lo[a] < 0 || lo[a] + i128::from(header.cells[a]) > last {
-            return Err(format!("reaches outside the domain along {}", AXES[a]));
-        }
-    }
-    Ok(GridRecord { id: number, level, lo, size: header.cells, locator: number })
+    let lo = nearest_corner(domain, level, level, origin, "origin", shown)?;
+    Ok(IndexBox::at(lo, header.cells))
 }

@@ -4,6 +4,7 @@
 mod files;
 mod header;
 mod lattice;
+mod missing;
 #[cfg(test)]
 mod tests;
 
@@ -14,7 +15,7 @@ use header::{Header, Title};
 
 use super::open_file::OpenFile;
 use super::{Format, GridBlock, GridRecord, Hierarchy, Source, SourceField, first_named};
-use crate::space::Levels;
+use crate::space::{Domain, Levels};
 use crate::{Error, Result};
 
 /// How the reader is listed among the formats.
@@ -48,32 +49,45 @@ struct Output {
 struct Piece {
     path: PathBuf,
     header: Header,
+    grid: GridRecord,
+}
+
+/// The domain, and the files in it.
+fn place(path: &Path, files: Vec<PathBuf>) -> Result<(Domain, Vec<Piece>)> {
+    let read = |path: PathBuf| Ok((Header::read(&path)?, path));
+    let files: Vec<(Header, PathBuf)> = files.into_iter().map(read).collect::<Result<_>>()?;
+    if files.is_empty() {
+        return Err(Error::request(format!("{}: holds no .vtk files", path.display())));
+    }
+    let headers = files.iter().map(|(header, _)| header);
+    let root: Vec<&Header> = headers.filter(|header| header.level() == 0).collect();
+    let domain = lattice::domain(&root).map_err(|reason| Error::invalid(path.display(), reason))?;
+    let place = |(number, (header, path)): (u64, (Header, PathBuf))| {
+        let grid = lattice::place(&header, &domain, number)
+            .map_err(|reason| Error::invalid(path.display(), reason))?;
+        Ok(Piece { path, header, grid })
+    };
+    let pieces = (0..).zip(files).map(place).collect::<Result<_>>()?;
+    Ok((domain, pieces))
 }
 
 impl Output {
     fn open(path: &Path) -> Result<Self> {
         let files = files::of_output(path)?;
-        let read = |path: PathBuf| Ok(Piece { header: Header::read(&path)?, path });
-        let pieces: Vec<Piece> = files.into_iter().map(read).collect::<Result<_>>()?;
-        let Some(first) = pieces.first() else {
-            return Err(Error::request(format!("{}: holds no .vtk files", path.display())));
-        };
-        let root: Vec<&Header> =
-            pieces.iter().map(|piece| &piece.header).filter(|header| header.level() == 0).collect();
-        let invalid = |reason| Error::invalid(path.display(), reason);
-        let domain = lattice::domain(&root).map_err(invalid)?;
+        let (domain, pieces) = place(path, files.own)?;
+        missing::check(path, &domain, &pieces, &files.elsewhere)?;
         let deepest = pieces.iter().map(|piece| piece.header.level()).max().unwrap_or(0);
         let levels = Levels::from_factors(&vec![lattice::FACTOR; deepest as usize])?;
         let fields = common_fields(&pieces)?;
         if fields.is_empty() {
-            return Err(invalid(
-                "its files have no variable in common: nothing to read".to_owned(),
-            ));
+            let reason = "its files have no variable in common: nothing to read";
+            return Err(Error::invalid(path.display(), reason));
         }
         let field = |name| SourceField { name, units: None, to_cgs: None };
         let fields: Vec<_> = fields.into_iter().map(field).collect();
         let density = first_named(&fields, &DENSITIES);
-        let hierarchy = Hierarchy { domain, levels, fields, density, time: first.header.time() };
+        let time = pieces.first().and_then(|piece| piece.header.time());
+        let hierarchy = Hierarchy { domain, levels, fields, density, time };
         Ok(Self { path: path.to_path_buf(), hierarchy, pieces })
     }
 }
@@ -111,13 +125,7 @@ impl Source for Output {
     }
 
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {
-        let Hierarchy { domain, levels, .. } = &self.hierarchy;
-        for (number, piece) in (0..).zip(&self.pieces) {
-            let record = lattice::place(&piece.header, domain, levels, number)
-                .map_err(|reason| Error::invalid(piece.path.display(), reason))?;
-            visit(record)?;
-        }
-        Ok(())
+        self.pieces.iter().try_for_each(|piece| visit(piece.grid))
     }
 
     fn data_files(&self) -> Result<Vec<PathBuf>> {

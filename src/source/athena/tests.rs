@@ -226,3 +226,84 @@ fn a_run_of_several_outputs_is_told_apart_from_other_folders() {
     assert!(recognises(&made.folder.path().join("id1/lev2")));
     assert!(!recognises(tempfile::tempdir().unwrap().path()));
 }
+
+/// A file of 2³ cells: name, level and domain, width of its cells, and place, counted in these.
+type File<'a> = (&'a str, [u32; 2], f64, [f64; 3]);
+
+/// What opening the file `named` says of a run of `files`.
+fn opened(named: &str, files: &[File<'_>]) -> Result<(), String> {
+    let folder = tempfile::tempdir().unwrap();
+    for &(name, place, width, cell) in files {
+        let three = |values: [f64; 3]| values.map(|v| format!("{v:.6e}")).join(" ");
+        let header = header(place, [3; 3], &three(cell.map(|c| c * width)), &three([width; 3]));
+        let mut bytes = header.into_bytes();
+        bytes.extend(b"SCALARS density float\nLOOKUP_TABLE default\n");
+        bytes.extend([0; 32]);
+        let path = folder.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, bytes).unwrap();
+    }
+    let source = crate::source::open(&folder.path().join(named), None);
+    source.map(|_| ()).map_err(|error| error.to_string())
+}
+
+/// Four processes of a root grid, and two of a domain in it.
+const WHOLE: [File<'_>; 6] = [
+    ("id0/B.0002.vtk", [0, 0], 1.0, [0.0, 0.0, 0.0]),
+    ("id1/B-id1.0002.vtk", [0, 0], 1.0, [2.0, 0.0, 0.0]),
+    ("id2/B-id2.0002.vtk", [0, 0], 1.0, [0.0, 2.0, 0.0]),
+    ("id3/B-id3.0002.vtk", [0, 0], 1.0, [2.0, 2.0, 0.0]),
+    ("id0/lev1/B-lev1-dom1.0002.vtk", [1, 1], 0.5, [2.0, 2.0, 0.0]),
+    ("id1/lev1/B-id1-lev1-dom1.0002.vtk", [1, 1], 0.5, [4.0, 2.0, 0.0]),
+];
+
+fn without(missing: &[usize]) -> Vec<File<'static>> {
+    (0..WHOLE.len()).filter(|i| !missing.contains(i)).map(|i| WHOLE[i]).collect()
+}
+
+#[test]
+fn files_that_leave_a_gap_are_missed() {
+    opened(WHOLE[1].0, &WHOLE).unwrap();
+    for (missing, expected) in [
+        (&[0][..], "process 0 has no file of the root grid"),
+        (&[1], "the file in id1 is missing"),
+        (&[3, 4, 5], "domain 0 of level 0 leave a gap in it, as at cell [2, 2, 0]"),
+    ] {
+        let files = without(missing);
+        let error = opened(files[0].0, &files).unwrap_err();
+        assert!(error.contains(expected), "{error}");
+    }
+    // Of a domain that three processes share the one in the middle.
+    let mut files = WHOLE.to_vec();
+    files[5] = ("id2/lev1/B-id2-lev1-dom1.0002.vtk", [1, 1], 0.5, [6.0, 2.0, 0.0]);
+    let error = opened(files[0].0, &files).unwrap_err();
+    assert!(error.contains("domain 1 of level 1") && error.contains("in id1"), "{error}");
+}
+
+#[test]
+fn files_that_other_outputs_have_are_missed() {
+    for (lacking, others, expected) in [
+        // The last processes' parts of the root grid, without which it is a box as well.
+        (&[2, 3, 4, 5][..], &[2, 3][..], "id2/B-id2.0001.vtk has in another output"),
+        (&[5], &[4, 5], "id1/lev1/B-id1-lev1-dom1.0001.vtk has in another output"),
+        (&[4, 5], &[4], "the part of domain 1 of level 1 that"),
+    ] {
+        let other = |i: usize| WHOLE[i].0.replace("0002", "0001");
+        let names: Vec<String> = others.iter().map(|&i| other(i)).collect();
+        let mut files = without(lacking);
+        for (name, &i) in names.iter().zip(others) {
+            files.push((name, WHOLE[i].1, WHOLE[i].2, WHOLE[i].3));
+        }
+        let error = opened(files[0].0, &files).unwrap_err();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+#[test]
+fn files_of_other_runs_and_of_more_processes_are_not_missed() {
+    let mut files = vec![WHOLE[0]];
+    // Before the run was continued by fewer processes; and cells of another width.
+    files.push(("id1/B-id1.0001.vtk", [0, 0], 1.0, [0.0; 3]));
+    files.push(("id2/B-id2.0001.vtk", [0, 0], 0.75, [4.0, 0.0, 0.0]));
+    opened(files[0].0, &files).unwrap();
+}
