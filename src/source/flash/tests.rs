@@ -179,12 +179,37 @@ fn trees_that_contradict_themselves_are_refused() {
     check(&|file| file.boxes[0][0] = f64::NAN, "block 1: has no parent");
     check(&|file| file.boxes[0][1] = f64::INFINITY, "block 1: its bounding box has the edge inf");
     check(&|file| file.boxes[10] = [9.0; 6], "block 11: has no parent");
-    // Two blocks that are each other's parent.
+    // Two blocks that are each other's parent, with seven more children of the second.
     check(
         &|file| {
-            (file.gid[0][6], file.gid[0][7]) = (11, 11);
-            (file.gid[10][6], file.gid[10][7]) = (1, 1);
+            (file.gid[1][6], file.types[2], file.gid[2][7]) = (3, 2, 2);
+            for child in 12..19 {
+                file.gid[2][child as usize - 4] = child;
+                file.gid.push([-1; 15]);
+                file.gid[child as usize - 1][6] = 3;
+                file.levels.push(3);
+                file.types.push(1);
+                file.boxes.push([0.0; 6]);
+            }
+            file.integers[4].1 = 18;
         },
-        "block 1: lies at more than 60 levels below the root grid, or gid runs in circles",
+        "block 2: lies at more than 60 levels below the root grid, or gid runs in circles",
     );
+}
+
+#[test]
+fn node_types_that_contradict_the_tree_are_refused() {
+    let check = |change: &dyn Fn(&mut MadeFile), expected: &str| {
+        let mut file = MadeFile::new();
+        change(&mut file);
+        file.write();
+        let error = file.error();
+        assert!(error.contains(expected), "{error}");
+    };
+    check(&|file| file.types[1] = 1, "block 2: its node type is 1, but it has 8 children by gid");
+    check(&|file| file.types[0] = 2, "block 1: its node type is 2, but it has 0 children by gid");
+    check(&|file| file.types[0] = 0, "block 1: its node type is 0");
+    check(&|file| file.gid[1][9] = -1, "block 2: its node type is 2, but it has 7 children by gid");
+    check(&|file| file.gid[1][9] = 3, "block 3: is a child of block 2 and again of block 2");
+    check(&|file| file.gid[10][7] = 3, "block 3: is a child of block 2 and again of block 11");
 }

@@ -17,6 +17,21 @@ const ROW: usize = 15;
 /// Where in a row the parent stands, and the children after it.
 const PARENT: usize = 6;
 
+/// The node type of leaves; of parents of leaves, and of the blocks above those, it is larger.
+const LEAF: i64 = 1;
+
+/// Whether a block of node type `kind` may have so many `children`.
+fn check_kind(kind: i64, children: usize) -> Result<(), String> {
+    let expected = if kind == LEAF { 0 } else { 8 };
+    if kind >= LEAF && children == expected {
+        return Ok(());
+    }
+    Err(format!(
+        "its node type is {kind}, but it has {children} children by gid: leaves (1) have none, parents \
+         (2 and above) 8"
+    ))
+}
+
 /// A block's parent and which of its children it is; about a hundredth of what the file holds of
 /// a block.
 #[derive(Debug, Clone, Copy)]
@@ -116,13 +131,21 @@ impl Tree {
             for ((number, row), &kind) in (first as usize..).zip(rows.chunks_exact(ROW)).zip(&types)
             {
                 let parent = self.number(number, row[PARENT], blocks)?;
+                let mut children = 0;
                 for (octant, &child) in (0..).zip(&row[PARENT + 1..]) {
-                    if let Some(child) = self.number(number, child, blocks)? {
-                        octants[child as usize] = octant;
-                        claimed_by[child as usize] = number as u32;
+                    let Some(child) = self.number(number, child, blocks)? else { continue };
+                    let claimed = &mut claimed_by[child as usize];
+                    if *claimed != u32::MAX {
+                        let reason = format!("is a child of block {} and again", *claimed + 1);
+                        return Err(
+                            self.fault(child as usize, format!("{reason} of block {}", number + 1))
+                        );
                     }
+                    (*claimed, octants[child as usize]) = (number as u32, octant);
+                    children += 1;
                 }
-                self.nodes.push(Node { parent, octant: 0, is_leaf: kind == 1 });
+                check_kind(kind, children).map_err(|reason| self.fault(number, reason))?;
+                self.nodes.push(Node { parent, octant: 0, is_leaf: kind == LEAF });
             }
             first += count;
         }
