@@ -4,12 +4,17 @@ use std::collections::HashSet;
 use std::path::Path;
 
 use super::text::{PrintedBox, numbers, stays_inside};
-use crate::source::lines::{Lines, shown};
+use crate::source::lattice::AXES;
+use crate::source::lines::{Lines, printing_error, shown};
 use crate::space::{Domain, IndexBox, Levels, MAX_OCTREE_LEVEL};
 use crate::{Error, Result};
 
 /// Most components accepted.
 const MOST_COMPONENTS: usize = 100_000;
+/// Digits that are printed at least, where they are not zeros.
+const PRINTED_DIGITS: i32 = 6;
+/// Relative error of edges and widths of cells in builds that compute with 32-bit floats.
+const SINGLE_PRECISION: f64 = 1e-6;
 
 /// What the `Header` says.
 #[derive(Debug)]
@@ -111,8 +116,8 @@ impl Header {
         }
         let time = lines.parse("the time", float)?;
         let finest = finest_level(&mut lines)?;
-        let left = lines.parse("the domain's lower edges", edges)?;
-        let right = lines.parse("the domain's upper edges", edges)?;
+        let left = lines.parse("the domain's lower edges", three_printed)?;
+        let right = lines.parse("the domain's upper edges", three_printed)?;
         let stated = lines.parse("the refinement ratios", numbers)?;
         let extents = extents(&mut lines, finest + 1)?;
         let factors = factors(&extents, &stated).map_err(|reason| lines.fault(&reason))?;
@@ -120,11 +125,14 @@ impl Header {
             .map_err(|error| Error::not_supported(path.display(), error.to_string()))?;
         let root = extents.first().map_or([0; 3], IndexBox::size);
         let root = root.map(|cells| u64::try_from(cells).unwrap_or(0));
-        let domain = Domain::new(left, right, root)
+        let [lower, upper] = [&left, &right].map(|edges| edges.map(|edge| edge.value));
+        let domain = Domain::new(lower, upper, root)
             .map_err(|error| Error::invalid(path.display(), error.to_string()))?;
         lines.expect("the steps")?;
-        for _ in 0..=finest {
-            lines.expect("the cells' widths")?;
+        for (level, extent) in extents.iter().enumerate() {
+            let widths = lines.parse("the cells' widths", three_printed)?;
+            check_widths(&left, &right, extent, &widths)
+                .map_err(|reason| lines.fault(&format!("level {level}: {reason}")))?;
         }
         check_coordinates(&mut lines, path)?;
         lines.expect("the boundary's width")?;
@@ -134,9 +142,47 @@ impl Header {
     }
 }
 
-fn edges(text: &str) -> Option<[f64; 3]> {
-    let edges: Option<Vec<f64>> = text.split_whitespace().map(float).collect();
-    edges?.try_into().ok()
+/// A number, and how far it may be from the one that was printed.
+#[derive(Debug, Clone, Copy)]
+struct Printed {
+    value: f64,
+    error: f64,
+}
+
+fn three_printed(text: &str) -> Option<[Printed; 3]> {
+    let printed = |word: &str| {
+        let value = float(word)?;
+        Some(Printed { value, error: printing_error(word, value, PRINTED_DIGITS) })
+    };
+    let list: Option<Vec<_>> = text.split_whitespace().map(printed).collect();
+    list?.try_into().ok()
+}
+
+/// Whether a level's cells fill the domain, as far as digits tell.
+///
+/// # Errors
+/// The reason, where they do not.
+fn check_widths(
+    left: &[Printed; 3],
+    right: &[Printed; 3],
+    extent: &IndexBox,
+    widths: &[Printed; 3],
+) -> Result<(), String> {
+    for a in 0..3 {
+        let cells = extent.size()[a] as f64;
+        let (domain, filled) = (right[a].value - left[a].value, cells * widths[a].value);
+        let largest = left[a].value.abs().max(right[a].value.abs());
+        let error = left[a].error + right[a].error + cells * widths[a].error;
+        let off = (filled - domain).abs();
+        if off.is_nan() || off > error + SINGLE_PRECISION * largest {
+            return Err(format!(
+                "{cells} cells {} wide along {} make {filled}, but the domain's edges are {domain} \
+                 apart",
+                widths[a].value, AXES[a]
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// The line with the domain's indices at each of `count` levels.

@@ -28,7 +28,7 @@ pub(super) struct LevelData {
     /// `Cell_H`.
     path: PathBuf,
     components: u64,
-    /// Ghost cells around every grid along each axis, in versions without FAB headers.
+    /// Ghost cells around every grid along each axis.
     ghosts: [i64; 3],
     /// How numbers are stored, in versions without FAB headers.
     number: Option<Number>,
@@ -176,16 +176,18 @@ impl LevelData {
                 start: offset,
             },
         };
-        if !header.cells.contains(cells) || header.components != self.components {
+        let stated = self.with_ghosts(cells);
+        if header.cells != stated || header.components != self.components {
+            let last = |cells: &IndexBox| cells.hi.map(|i| i - 1);
             let reason = format!(
                 "the FAB has {} components of the cells {:?} to {:?}, but Cell_H gives it {} of \
-                 {:?} to {:?}",
+                 {:?} to {:?}, ghost cells included: are they of one output?",
                 header.components,
                 header.cells.lo,
-                header.cells.hi,
+                last(&header.cells),
                 self.components,
-                cells.lo,
-                cells.hi
+                stated.lo,
+                last(&stated)
             );
             return Err(Error::invalid(format!("{}: byte {offset}", path.display()), reason));
         }
