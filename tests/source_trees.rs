@@ -8,6 +8,7 @@ mod facts;
 
 use std::path::Path;
 
+use deepfield::ingest::{Options, Progress, ingest};
 use deepfield::source::{self, GridBlock};
 use deepfield::synth::{self, Grids, Recipe};
 
@@ -116,4 +117,63 @@ fn synthetic_trees_hold_the_recipes_density_at_any_depth() {
     check_synthetic("athena13", "athena++");
     check_synthetic("flash10", "flash");
     check_synthetic("flash40", "flash");
+}
+
+/// `bytes` with the one place where `from` stands holding `to`.
+fn replaced(bytes: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {
+    let places: Vec<usize> =
+        (0..bytes.len() - from.len()).filter(|&at| bytes[at..].starts_with(from)).collect();
+    let [at] = places[..] else { panic!("{} places", places.len()) };
+    [&bytes[..at], to, &bytes[at + from.len()..]].concat()
+}
+
+/// The lists of Athena++ of where `blocks` lie: levels, then locations.
+fn places(blocks: &[(u32, [i64; 3])]) -> [Vec<u8>; 2] {
+    let levels = blocks.iter().flat_map(|block| (block.0 as i32).to_be_bytes());
+    let locations = blocks.iter().flat_map(|block| block.1).flat_map(i64::to_be_bytes);
+    [levels.collect(), locations.collect()]
+}
+
+/// What ingest says of an Athena++ output when `change` has moved its blocks.
+fn moved(change: &dyn Fn(&mut Vec<(u32, [i64; 3])>)) -> String {
+    let recipe = "name = \"run\"\n[domain]\nleft = [0, 0, 0]\nright = [2, 1, 1]\nroot = [16, 8, 8]\n\
+        tiles = [1, 1, 1]\n[refinement]\nmax_level = 2\nseed = 1\n[[refinement.centre]]\n\
+        position = [0.4, 0.4, 0.4]\nhalf_size = [4, 4, 4]\n[[density]]\nkind = \"gradient\"\n\
+        value = 1.0\nslope = [0.1, 0.1, 0.1]\n[output]\nformat = \"athena++\"\nblock = [4, 4, 4]\n";
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = Recipe::parse(recipe, "recipe").unwrap();
+    let input = synth::write(&recipe, &folder.path().join("run"), &mut |_, _| {}).unwrap().input;
+    let grids = facts::grids(&*source::open(&input, None).unwrap());
+    let mut blocks: Vec<_> =
+        grids.iter().map(|grid| (grid.level, grid.lo.map(|c| c as i64 / 4))).collect();
+    let [levels, locations] = places(&blocks);
+    change(&mut blocks);
+    let [new_levels, new_locations] = places(&blocks);
+    let bytes = replaced(&std::fs::read(&input).unwrap(), &levels, &new_levels);
+    std::fs::write(&input, replaced(&bytes, &locations, &new_locations)).unwrap();
+    let source = source::open(&input, None).unwrap();
+    let cache = folder.path().join("cache.dfc");
+    let mut quiet = |_, _, _| {};
+    let done = ingest(&*source, &cache, &Options::default(), &mut Progress::new(&mut quiet));
+    done.map(|_| String::new()).unwrap_or_else(|error| error.to_string())
+}
+
+#[test]
+fn blocks_that_do_not_tile_the_domain_are_refused() {
+    let finest = |blocks: &[(u32, [i64; 3])]| blocks.iter().position(|one| one.0 == 2).unwrap();
+    assert_eq!(moved(&|_| ()), "");
+    // One of eight children gives way to their parent, and to the sibling beside it.
+    let error = moved(&|blocks| {
+        let at = finest(blocks);
+        blocks[at] = (1, blocks[at].1.map(|i| i / 2));
+    });
+    assert!(
+        error.contains("of level 1 in grid ") && error.contains("beside finer cells"),
+        "{error}"
+    );
+    let error = moved(&|blocks| {
+        let at = finest(blocks);
+        blocks[at].1[0] ^= 1;
+    });
+    assert!(error.contains("overlaps grid") && error.contains("of the same level 2"), "{error}");
 }

@@ -1,5 +1,8 @@
 //! Pass 2, one brick: its cells from source grids and from the averages of its children.
 
+use std::ops::Range;
+use std::sync::Arc;
+
 use super::cells::SourceCells;
 use super::packed::pack;
 use super::tally::{
@@ -7,6 +10,7 @@ use super::tally::{
 };
 use super::upward::{Averages, Upward, average};
 use crate::cache::{BrickShape, state};
+use crate::source::GridRecord;
 use crate::space::{IndexBox, cells_at};
 use crate::{Error, Result};
 
@@ -87,6 +91,8 @@ pub(super) struct Assembler<'s> {
     pub(super) rules: Rules,
     /// The source's path, for messages.
     pub(super) place: String,
+    /// Whether the source holds values of cells that finer levels cover.
+    pub(super) has_covered_cells: bool,
     /// Whether cells are wanted, beside what is counted.
     pub(super) keeps_cells: bool,
 }
@@ -100,6 +106,9 @@ impl Assembler<'_> {
         for field in 0..self.fields {
             let mut draft = Draft::new(self.shape, job, self.root_cells);
             self.fill_from_grids(job, field, &mut draft)?;
+            if !self.has_covered_cells {
+                self.check_leaves(job, &draft)?;
+            }
             for child in &job.children {
                 draft.take_averages(child.octant(), &child.fields[field]);
             }
@@ -135,6 +144,18 @@ impl Assembler<'_> {
             })?;
         }
         Ok(())
+    }
+
+    /// Where outputs hold leaf cells alone, no grid may lie under finer ones, as a block does that stands
+    /// in the file beside its own children.
+    fn check_leaves(&self, job: &Job, draft: &Draft) -> Result<()> {
+        let covered = job.children.iter().find_map(|child| {
+            child.fields.first().and_then(|field| draft.first_under(child.octant(), field))
+        });
+        match covered {
+            None => Ok(()),
+            Some(at) => Err(self.covered(job, draft.cell(at))?),
+        }
     }
 
     /// The root grid must cover the domain. Where it lacks whole bricks, averages above it are missing.
@@ -215,15 +236,35 @@ impl Assembler<'_> {
         ))
     }
 
-    fn too_large(&self, job: &Job, field: usize, cell: [i128; 3], value: f64) -> Result<Error> {
+    fn covered(&self, job: &Job, cell: [i128; 3]) -> Result<Error> {
+        let whose = self.owner(job, cell)?.map_or_else(
+            || format!("octree level {}", job.octree),
+            |grid| format!("level {} in grid {}", grid.level, grid.id),
+        );
+        let reason = format!(
+            "cell {cell:?} of {whose} is stored beside finer cells in its place: of such outputs each place \
+             belongs to one block, so is a block there twice, or its parent?"
+        );
+        Ok(Error::invalid(&self.place, reason))
+    }
+
+    /// The grid that has `cell` of the brick's level.
+    fn owner(&self, job: &Job, cell: [i128; 3]) -> Result<Option<Arc<GridRecord>>> {
         let one = IndexBox::at(cell, [1; 3]);
-        let mut whose = format!("octree level {}", job.octree);
         for &number in &job.grids {
             let grid = self.cells.grid(number)?;
             if grid.cells().contains(&one) {
-                whose = format!("level {} (grid {})", grid.level, grid.id);
+                return Ok(Some(grid));
             }
         }
+        Ok(None)
+    }
+
+    fn too_large(&self, job: &Job, field: usize, cell: [i128; 3], value: f64) -> Result<Error> {
+        let whose = self.owner(job, cell)?.map_or_else(
+            || format!("octree level {}", job.octree),
+            |grid| format!("level {} (grid {})", grid.level, grid.id),
+        );
         let what = if value.is_finite() { "beyond ±1e300" } else { "infinite" };
         let name = self.cells.field_name(field).escape_debug().to_string();
         Ok(Error::invalid(
@@ -300,18 +341,33 @@ impl Draft {
         (local(2) * self.edge + local(1)) * self.edge + local(0)
     }
 
+    /// The first cell that has a value where a child in `octant` has `averages` for it.
+    fn first_under(&self, octant: u8, averages: &Averages) -> Option<usize> {
+        let rows = self.octant_rows(octant).zip(averages.states.chunks_exact(self.edge / 2));
+        rows.flat_map(|(row, above)| row.zip(above))
+            .find(|&(at, &above)| above != 0 && self.states[at] & state::EXISTS != 0)
+            .map(|(at, _)| at)
+    }
+
+    /// The rows of cells of an octant, in the order of a child's averages.
+    fn octant_rows(&self, octant: u8) -> impl Iterator<Item = Range<usize>> + use<> {
+        let (edge, half) = (self.edge, self.edge / 2);
+        let offset = move |a: u8| usize::from(octant >> a & 1) * half;
+        (0..half * half).map(move |row| {
+            let (y, z) = (row % half, row / half);
+            let first = ((z + offset(2)) * edge + y + offset(1)) * edge + offset(0);
+            first..first + half
+        })
+    }
+
     /// Puts a child's averages into its octant.
     fn take_averages(&mut self, octant: u8, averages: &Averages) {
         let half = self.edge / 2;
-        let offset = |a: u8| usize::from(octant >> a & 1) * half;
         if !averages.weights.is_empty() && self.weights.is_empty() {
             self.weights = vec![1.0; self.states.len()];
         }
-        for row in 0..half * half {
-            let (y, z) = (row % half, row / half);
+        for (row, to) in self.octant_rows(octant).enumerate() {
             let from = row * half..(row + 1) * half;
-            let to = ((z + offset(2)) * self.edge + y + offset(1)) * self.edge + offset(0);
-            let to = to..to + half;
             take(
                 &mut self.values[to.clone()],
                 &averages.values[from.clone()],

@@ -187,6 +187,7 @@ fn survey_in(
         fields: fields.len(),
         rules,
         place: source.path().display().to_string(),
+        has_covered_cells: has_covered_cells(source.format()),
         keeps_cells: keep_cells,
     };
     progress.begin(Stage::Cells, layout.cubes[shape.edge().trailing_zeros() as usize - 3]);
