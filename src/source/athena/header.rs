@@ -279,7 +279,8 @@ fn variable(bytes: &[u8], at: u64, shape: [u32; 3]) -> Result<Option<(String, Ra
         ["VECTORS", _, _] => 3,
         _ => return Err(malformed()),
     };
-    if per_cell == 1 && !line().is_some_and(|table| table.starts_with("LOOKUP_TABLE")) {
+    let is_table = |line: String| line.split_whitespace().next() == Some("LOOKUP_TABLE");
+    if per_cell == 1 && !line().is_some_and(is_table) {
         return Err(format!("no LOOKUP_TABLE follows `{}`", shown(&title)));
     }
     let number = match words[2] {

@@ -227,6 +227,37 @@ fn a_run_of_several_outputs_is_told_apart_from_other_folders() {
     assert!(!recognises(tempfile::tempdir().unwrap().path()));
 }
 
+#[test]
+fn values_may_begin_and_end_with_bytes_that_end_lines() {
+    // As 32-bit floats: line ends and blanks alone.
+    let values = [0x0a0d_0a20u32, 0x0d0a_0a0a, 0x2020_2020, 0x0a0a_0a0a];
+    let place = "0.000000e+00 0.000000e+00 0.000000e+00";
+    for (end, table) in [
+        ("\n", "LOOKUP_TABLE default"),
+        ("\r\n", "LOOKUP_TABLE default"),
+        ("\n", "LOOKUP_TABLE   default  "),
+        (" \n", "LOOKUP_TABLE"),
+    ] {
+        let mut made = Made::new();
+        let text = header([0, 0], [3; 3], place, place.replace("0.0", "1.0").as_str());
+        made.files = vec![("B.0001.vtk", text.replace('\n', end), 8)];
+        made.write();
+        let file = made.folder.path().join("B.0001.vtk");
+        let numbers = values.repeat(2).into_iter().flat_map(u32::to_be_bytes);
+        let mut bytes = made.files[0].1.clone().into_bytes();
+        bytes.extend(format!("SCALARS pressure float{end}{table}{end}").bytes());
+        bytes.extend(numbers.clone());
+        bytes.extend(format!("{end}VECTORS velocity float{end}").bytes());
+        bytes.extend(numbers.clone().chain(numbers.clone()).chain(numbers));
+        std::fs::write(&file, bytes).unwrap();
+        let expected =
+            |step: usize| (0..8).map(move |i| f64::from(f32::from_bits(values[step * i % 4])));
+        let read = |field| made.read(field).unwrap()[0].1.clone();
+        assert_eq!(read(0), expected(1).collect::<Vec<_>>(), "{end:?} {table}");
+        assert_eq!(read(1), expected(3).collect::<Vec<_>>(), "{end:?} {table}");
+    }
+}
+
 /// A file of 2³ cells: name, level and domain, width of its cells, and place, counted in these.
 type File<'a> = (&'a str, [u32; 2], f64, [f64; 3]);
 
