@@ -1,9 +1,9 @@
 //! Which datasets are fields, and their units.
 
 use super::parameters::Parameters;
-use crate::Result;
 use crate::source::SourceField;
 use crate::source::hdf5::{Element, File};
+use crate::{Error, Result};
 
 /// Names of the datasets of grid group `group` that are fields: numbers of the grid's own
 /// `size` (x, y, z). Particle data have one axis; face-centred data one cell more.
@@ -21,6 +21,21 @@ pub(super) fn names(file: &File, group: &str, size: [u32; 3]) -> Result<Vec<Stri
         }
     }
     Ok(names)
+}
+
+/// The error about a file that has fields, but not in groups of grids, as `group` is one: a run
+/// without packed AMR, which writes one file a grid.
+pub(super) fn unpacked(file: &File, group: &str) -> Option<Error> {
+    let members = file.members("/").ok()?;
+    let has_grids = members.groups.iter().any(|name| name.starts_with("Grid"));
+    (!has_grids && !members.datasets.is_empty()).then(|| {
+        let reason = format!(
+            "its fields stand in no group {group}: only packed AMR is read (Enzo built with \
+             `make packed-amr-yes`, which is its default); or move each grid's datasets into such a \
+             group of its file"
+        );
+        Error::not_supported(file.path().display(), reason)
+    })
 }
 
 /// What a field measures, as far as its name tells: by Enzo's rules all densities of mass share a

@@ -102,7 +102,8 @@ impl Enzo {
         for grid in first_grids.into_iter().flatten() {
             let record = self.place(&grid)?;
             let file = self.pool.get(&self.data_file(&record)?)?;
-            let names = fields::names(&file, &group(record.id), record.size)?;
+            let names = fields::names(&file, &group(record.id), record.size)
+                .map_err(|error| fields::unpacked(&file, &group(record.id)).unwrap_or(error))?;
             common = Some(match common {
                 None => names,
                 Some(common) => common.into_iter().filter(|name| names.contains(name)).collect(),

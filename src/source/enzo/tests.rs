@@ -232,3 +232,16 @@ fn a_table_longer_than_its_file_can_hold_is_refused() {
     let error = dump.error();
     assert!(error.contains("hierarchy.hdf5: claims 262144 blocks"), "{error}");
 }
+
+#[test]
+fn dumps_without_packed_amr_are_refused_by_name() {
+    let dump = MadeDump::new();
+    dump.write();
+    let mut file = hdf5_pure::FileBuilder::new();
+    file.create_dataset("Density").with_f32_data(&[0.0; 192]).with_shape(&[8, 6, 4]);
+    let bytes = file.finish().unwrap();
+    std::fs::write(dump.path().with_extension("cpu0000"), bytes).unwrap();
+    let error = dump.error();
+    assert!(error.contains("DD1.cpu0000: not supported: its fields stand in no group"), "{error}");
+    assert!(error.contains("only packed AMR is read"), "{error}");
+}

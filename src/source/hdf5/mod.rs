@@ -173,6 +173,11 @@ impl File {
         Ok(Self { path: path.to_path_buf(), backend: Box::new(backend) })
     }
 
+    /// The file's path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// How many bytes of decoded values the file may keep at most: [`Backend::cached_bytes`].
     fn cached_bytes(&self) -> usize {
         self.backend.cached_bytes()
