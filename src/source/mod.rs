@@ -140,8 +140,8 @@ fn first_named(fields: &[SourceField], names: &[&str]) -> Option<usize> {
 struct Format {
     /// The format's name, as `--format` takes it.
     name: &'static str,
-    /// What tells the format, for the message that nothing did.
-    looked_for: &'static str,
+    /// What tells the format, in few words for the message that nothing did.
+    mark: &'static str,
     /// Whether a file or folder is of the format, by its content.
     recognises: fn(&Path) -> bool,
     /// Whether outputs hold values of cells that finer levels cover; else of leaf cells alone.
@@ -187,13 +187,11 @@ pub fn open(path: &Path, format: Option<&str>) -> Result<Box<dyn Source>> {
 }
 
 fn unknown(path: &Path) -> Error {
-    let looked: Vec<String> =
-        FORMATS.iter().map(|f| format!("{} ({})", f.name, f.looked_for)).collect();
+    let known: Vec<String> = FORMATS.iter().map(|f| format!("{} ({})", f.name, f.mark)).collect();
     let reason = format!(
-        "is {}, but no output of a known format; looked for {}; name the format with --format to \
-         see what its reader says",
+        "is {}, but of no known format: {}; --format NAME says what that reader misses",
         kind(path),
-        looked.join("; ")
+        known.join(", ")
     );
     Error::not_supported(path.display(), reason)
 }

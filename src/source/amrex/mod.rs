@@ -27,7 +27,7 @@ use crate::{Error, Result};
 /// How the reader is listed among the formats.
 pub(super) const FORMAT: Format = Format {
     name: "amrex",
-    looked_for: "a folder with a `Header` that lists components, dimension, time and levels",
+    mark: "folder with Header",
     recognises: |path| header::looks_right(&header_file(path)),
     has_covered_cells: true,
     open: |path| Ok(Box::new(Plotfile::open(path)?)),

@@ -21,7 +21,7 @@ use crate::{Error, Result};
 /// How the reader is listed among the formats.
 pub(super) const FORMAT: Format = Format {
     name: "athena",
-    looked_for: "a .vtk file whose title is `… time= …, level= …, domain= …`",
+    mark: ".vtk",
     recognises,
     has_covered_cells: true,
     open: |path| Ok(Box::new(Output::open(path)?)),

@@ -24,8 +24,7 @@ use crate::{Error, Result};
 /// How the reader is listed among the formats.
 pub(super) const FORMAT: Format = Format {
     name: "athena++",
-    looked_for: "an HDF5 file with attributes NumMeshBlocks and MeshBlockSize, or the .xdmf that \
-                 names one",
+    mark: ".athdf",
     recognises,
     has_covered_cells: false,
     open: |path| Ok(Box::new(AthenaPp::open(path)?)),

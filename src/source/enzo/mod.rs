@@ -29,7 +29,7 @@ use crate::{Error, Result};
 /// How the reader is listed among the formats.
 pub(super) const FORMAT: Format = Format {
     name: "enzo",
-    looked_for: "a parameter file with `TopGridRank = …` and a .hierarchy or .hierarchy.hdf5",
+    mark: "NAME beside NAME.hierarchy",
     recognises,
     has_covered_cells: true,
     open: |path| Ok(Box::new(Enzo::open(path)?)),

@@ -24,7 +24,7 @@ use crate::{Error, Result};
 /// How the reader is listed among the formats.
 pub(super) const FORMAT: Format = Format {
     name: "flash",
-    looked_for: "an HDF5 file with datasets `node type`, `refine level` and `bounding box`",
+    mark: "HDF5 with `node type`",
     recognises,
     // Parents' averages are in some files, and in others what they held before they were refined.
     has_covered_cells: false,
