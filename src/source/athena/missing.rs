@@ -29,11 +29,30 @@ pub(super) fn check(
     for piece in pieces {
         domains.entry(piece.header.place()).or_default().push(piece);
     }
+    check_numbers(&domains).map_err(invalid)?;
     check_processes(domains.get(&(0, 0)).map_or(&[], Vec::as_slice)).map_err(invalid)?;
     for (of, pieces) in &domains {
         check_filled(*of, pieces).map_err(invalid)?;
     }
     elsewhere.iter().try_for_each(|file| check_elsewhere(file, domain, &domains)).map_err(invalid)
+}
+
+/// Levels, and the domains of each, are numbered from 0 on.
+fn check_numbers(domains: &Domains<'_>) -> Result<(), String> {
+    let mut next = (0, 0);
+    for &(level, domain) in domains.keys() {
+        // After the last domain of a level the first of the next one.
+        let expected = if level > next.0 { (next.0 + 1, 0) } else { next };
+        if (level, domain) != expected {
+            return Err(format!(
+                "no file is of domain {} of level {}, but some are of domain {domain} of level \
+                 {level}: files are missing",
+                expected.1, expected.0
+            ));
+        }
+        next = (level, domain + 1);
+    }
+    Ok(())
 }
 
 /// Athena deals parts to processes in turn, those of the root grid first.

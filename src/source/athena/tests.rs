@@ -41,8 +41,8 @@ impl Made {
                 "2.500000e-01 2.500000e-01 1.250000e-01",
             ),
             (
-                "id1/lev2/B-id1-lev2-dom1.0001.vtk",
-                [2, 1],
+                "id1/lev2/B-id1-lev2.0001.vtk",
+                [2, 0],
                 [5, 3, 5],
                 "-2.500000e-01 5.000000e-01 2.500000e-01",
                 "1.250000e-01 1.250000e-01 6.250000e-02",
@@ -284,8 +284,8 @@ const WHOLE: [File<'_>; 6] = [
     ("id1/B-id1.0002.vtk", [0, 0], 1.0, [2.0, 0.0, 0.0]),
     ("id2/B-id2.0002.vtk", [0, 0], 1.0, [0.0, 2.0, 0.0]),
     ("id3/B-id3.0002.vtk", [0, 0], 1.0, [2.0, 2.0, 0.0]),
-    ("id0/lev1/B-lev1-dom1.0002.vtk", [1, 1], 0.5, [2.0, 2.0, 0.0]),
-    ("id1/lev1/B-id1-lev1-dom1.0002.vtk", [1, 1], 0.5, [4.0, 2.0, 0.0]),
+    ("id0/lev1/B-lev1.0002.vtk", [1, 0], 0.5, [2.0, 2.0, 0.0]),
+    ("id1/lev1/B-id1-lev1.0002.vtk", [1, 0], 0.5, [4.0, 2.0, 0.0]),
 ];
 
 fn without(missing: &[usize]) -> Vec<File<'static>> {
@@ -306,9 +306,30 @@ fn files_that_leave_a_gap_are_missed() {
     }
     // Of a domain that three processes share the one in the middle.
     let mut files = WHOLE.to_vec();
-    files[5] = ("id2/lev1/B-id2-lev1-dom1.0002.vtk", [1, 1], 0.5, [6.0, 2.0, 0.0]);
+    files[5] = ("id2/lev1/B-id2-lev1.0002.vtk", [1, 0], 0.5, [6.0, 2.0, 0.0]);
     let error = opened(files[0].0, &files).unwrap_err();
-    assert!(error.contains("domain 1 of level 1") && error.contains("in id1"), "{error}");
+    assert!(error.contains("domain 0 of level 1") && error.contains("in id1"), "{error}");
+}
+
+#[test]
+fn domains_and_levels_without_files_are_missed() {
+    let file = |place: [u32; 2], name| (name, place, 0.5f64.powi(place[0] as i32), [0.0; 3]);
+    let root = file([0, 0], "B.0001.vtk");
+    let first = file([1, 0], "lev1/B-lev1.0001.vtk");
+    let third = file([1, 2], "lev1/B-lev1-dom2.0001.vtk");
+    let deep = file([2, 0], "lev2/B-lev2.0001.vtk");
+    for (files, expected) in [
+        (
+            &[root, third][..],
+            "no file is of domain 0 of level 1, but some are of domain 2 of level 1",
+        ),
+        (&[root, first, third], "no file is of domain 1 of level 1"),
+        (&[root, deep], "no file is of domain 0 of level 1, but some are of domain 0 of level 2"),
+    ] {
+        let error = opened(root.0, files).unwrap_err();
+        assert!(error.contains(expected), "{error}");
+    }
+    opened(root.0, &[root, first, deep]).unwrap();
 }
 
 #[test]
@@ -316,8 +337,8 @@ fn files_that_other_outputs_have_are_missed() {
     for (lacking, others, expected) in [
         // The last processes' parts of the root grid, without which it is a box as well.
         (&[2, 3, 4, 5][..], &[2, 3][..], "id2/B-id2.0001.vtk has in another output"),
-        (&[5], &[4, 5], "id1/lev1/B-id1-lev1-dom1.0001.vtk has in another output"),
-        (&[4, 5], &[4], "the part of domain 1 of level 1 that"),
+        (&[5], &[4, 5], "id1/lev1/B-id1-lev1.0001.vtk has in another output"),
+        (&[4, 5], &[4], "the part of domain 0 of level 1 that"),
     ] {
         let other = |i: usize| WHOLE[i].0.replace("0002", "0001");
         let names: Vec<String> = others.iter().map(|&i| other(i)).collect();
