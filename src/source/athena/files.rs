@@ -21,31 +21,35 @@ struct Name {
 impl Name {
     /// The output that the file at `path` belongs to.
     fn parse(path: &Path) -> Option<Self> {
-        let stem = path.file_name()?.to_str()?.strip_suffix(".vtk")?;
-        let is_number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
-        let parts: Vec<&str> = stem.split('.').collect();
-        let (base, number, id) = match parts.as_slice() {
-            [base @ .., number] if !base.is_empty() && is_number(number) => (base, *number, ""),
-            [base @ .., number, id] if !base.is_empty() && is_number(number) => {
-                (base, *number, *id)
-            }
-            base => (base, "", ""),
-        };
-        let base = base.join(".");
+        let (base, number, id) = split(path)?;
         let base = without_parts(&base, path).to_owned();
         Some(Self { base, number: number.to_owned(), id: id.to_owned() })
     }
+}
+
+/// What stands before an output's number in a file's name, the number, and what stands after it.
+fn split(path: &Path) -> Option<(String, &str, &str)> {
+    let stem = path.file_name()?.to_str()?.strip_suffix(".vtk")?;
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+    let parts: Vec<&str> = stem.split('.').collect();
+    let (base, number, id) = match parts.as_slice() {
+        [base @ .., number] if !base.is_empty() && is_number(number) => (base, *number, ""),
+        [base @ .., number, id] if !base.is_empty() && is_number(number) => (base, *number, *id),
+        base => (base, "", ""),
+    };
+    Some((base.join("."), number, id))
 }
 
 /// The run's name in `base`, without the parts that Athena appends: it numbers neither the first
 /// process, nor the root level, nor a level's first domain.
 fn without_parts<'a>(base: &'a str, path: &Path) -> &'a str {
     let folder = path.parent().unwrap_or(Path::new(""));
-    let title = match ends_with_number(base, "-dom") || ends_with_number(base, "-lev") {
-        true => Title::of(path),
-        false => None,
-    };
-    let level = numbered(folder, "lev").or(title.as_ref().map(|title| title.level.into()));
+    let level = numbered(folder, "lev");
+    // Files are opened only where neither name nor folder tells.
+    let is_open =
+        ends_with_number(base, "-dom") || level.is_none() && ends_with_number(base, "-lev");
+    let title = if is_open { Title::of(path) } else { None };
+    let level = level.or(title.map(|title| title.level.into()));
     let base = without(base, "-dom", title.map(|title| title.domain.into()));
     let base = without(base, "-lev", level);
     without(base, "-id", process(path))
@@ -84,12 +88,11 @@ impl Output {
             |output: &Self| (output.parallel, output.name.base.clone(), output.name.id.clone());
         key(self) == key(other)
     }
+}
 
-    /// The path of one of the output's files without the output's number: the same for that file of
-    /// all outputs of a run.
-    fn part(&self, file: &Path) -> String {
-        file.to_string_lossy().replace(&format!(".{}.", self.name.number), ".")
-    }
+/// The path of a file without its output's `number`: the same for that file of all outputs of a run.
+fn part(file: &Path, number: &str) -> String {
+    file.to_string_lossy().replace(&format!(".{number}."), ".")
 }
 
 /// The number in `folder`'s name, where that is `prefix` and a number.
@@ -116,7 +119,7 @@ pub(super) fn process(path: &Path) -> Option<u64> {
 /// One of the files that `folder` holds or the run that it is part of, of whatever output.
 pub(super) fn any(folder: &Path) -> Option<PathBuf> {
     let absolute = std::path::absolute(folder).ok()?;
-    all(run_folder(&absolute).0).ok()?.into_iter().next().map(|(_, file)| file)
+    listed(run_folder(&absolute).0).ok()?.into_iter().next()
 }
 
 /// The files of an output.
@@ -143,18 +146,21 @@ pub(super) fn of_output(path: &Path) -> Result<Files> {
         return Ok(Files { own: vec![absolute], ..Files::default() });
     };
     let (run, _) = run_folder(absolute.parent().unwrap_or(Path::new("/")));
-    let mut parts = BTreeMap::new();
-    let (mut own, mut has) = (Vec::new(), HashSet::new());
-    for (of, file) in all(run)? {
-        if of == output {
-            has.insert(of.part(&file));
+    let (mut own, mut has, mut parts) = (Vec::new(), HashSet::new(), BTreeMap::new());
+    for file in listed(run)? {
+        let Some((_, number, id)) = split(&file) else { continue };
+        let part = part(&file, number);
+        if number != output.name.number && id == output.name.id {
+            parts.entry(part).or_insert(file);
+        } else if Output::of(&file).as_ref() == Some(&output) {
+            has.insert(part);
             own.push(file);
-        } else if of.is_of_series(&output) {
-            parts.insert(of.part(&file), file);
         }
     }
     parts.retain(|part, _| !has.contains(part));
-    Ok(Files { own, elsewhere: parts.into_values().collect() })
+    let others = parts.into_values();
+    let of_series = |file: &PathBuf| Output::of(file).is_some_and(|of| of.is_of_series(&output));
+    Ok(Files { own, elsewhere: others.filter(of_series).collect() })
 }
 
 fn of_folder(path: &Path, absolute: &Path) -> Result<Vec<PathBuf>> {
@@ -178,30 +184,38 @@ fn of_folder(path: &Path, absolute: &Path) -> Result<Vec<PathBuf>> {
 
 /// All files of all outputs of the run in `folder`, output by output.
 fn all(folder: &Path) -> Result<Vec<(Output, PathBuf)>> {
-    let mut files = Vec::new();
-    let top = entries(folder)?;
-    add(&top, &mut files)?;
-    for process in top.iter().filter(|entry| numbered(entry, "id").is_some() && entry.is_dir()) {
-        add(&entries(process)?, &mut files)?;
-    }
+    let with_output = |file: PathBuf| Some((Output::of(&file)?, file));
+    let mut files: Vec<_> = listed(folder)?.into_iter().filter_map(with_output).collect();
     files.sort();
     Ok(files)
 }
 
-/// Adds the files among `entries` and in folders of levels among them.
-fn add(entries_here: &[PathBuf], to: &mut Vec<(Output, PathBuf)>) -> Result<()> {
-    for entry in entries_here {
-        if numbered(entry, "lev").is_some() && entry.is_dir() {
-            to.extend(entries(entry)?.into_iter().filter_map(with_output));
+/// All files in `folder` and in folders of processes and levels there, in order.
+fn listed(folder: &Path) -> Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    let top = entries(folder)?;
+    for process in top.iter().filter(|entry| numbered(entry, "id").is_some() && entry.is_dir()) {
+        add(entries(process)?, &mut files)?;
+    }
+    add(top, &mut files)?;
+    files.sort();
+    Ok(files)
+}
+
+/// Adds the files among `here` and in folders of levels among them.
+fn add(here: Vec<PathBuf>, to: &mut Vec<PathBuf>) -> Result<()> {
+    for entry in here {
+        if numbered(&entry, "lev").is_some() && entry.is_dir() {
+            to.extend(entries(&entry)?.into_iter().filter(|file| is_vtk(file)));
+        } else if is_vtk(&entry) {
+            to.push(entry);
         }
-        to.extend(with_output(entry.clone()));
     }
     Ok(())
 }
 
-fn with_output(file: PathBuf) -> Option<(Output, PathBuf)> {
-    let output = Output::of(&file)?;
-    file.is_file().then_some((output, file))
+fn is_vtk(path: &Path) -> bool {
+    split(path).is_some() && path.is_file()
 }
 
 #[cfg(test)]
