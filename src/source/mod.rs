@@ -11,6 +11,7 @@ mod folder;
 pub mod hdf5;
 mod lattice;
 mod lines;
+mod names;
 mod open_file;
 mod raw;
 

@@ -1,11 +1,11 @@
 //! The plotfile's `Header`.
 
-use std::collections::HashSet;
 use std::path::Path;
 
 use super::text::{PrintedBox, numbers, stays_inside};
 use crate::source::lattice::AXES;
 use crate::source::lines::{Lines, printing_error, shown};
+use crate::source::names::tell_apart;
 use crate::space::{Domain, IndexBox, Levels, MAX_OCTREE_LEVEL};
 use crate::{Error, Result};
 
@@ -57,20 +57,6 @@ fn components(lines: &mut Lines) -> Result<(Vec<String>, i64)> {
         text.parse().ok().filter(|dimension| (1..=3).contains(dimension))
     })?;
     Ok((names, dimension))
-}
-
-/// Appends to names that components before have the number of the component, counted from 0.
-fn tell_apart(names: &mut [String]) {
-    let mut known: HashSet<_> = names.iter().cloned().collect();
-    let mut seen = HashSet::new();
-    for (n, name) in names.iter_mut().enumerate() {
-        if !seen.insert(name.clone()) {
-            name.push_str(&format!(".{n}"));
-            while !known.insert(name.clone()) {
-                name.push('+');
-            }
-        }
-    }
 }
 
 /// Whether the file at `path` begins as the `Header` of a plotfile does.
@@ -271,16 +257,4 @@ fn level_grids(lines: &mut Lines, level: usize) -> Result<LevelGrids> {
         return Err(lines.fault(&reason));
     }
     Ok(LevelGrids { count, data })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn components_of_one_name_are_told_apart() {
-        let mut names = ["rho", "T", "rho", "rho.2", "rho", "T"].map(str::to_owned);
-        tell_apart(&mut names);
-        assert_eq!(names, ["rho", "T", "rho.2+", "rho.2", "rho.4", "T.5"]);
-    }
 }

@@ -6,6 +6,7 @@ use std::path::Path;
 use super::attributes::Attributes;
 use crate::source::SourceField;
 use crate::source::hdf5::{Element, File};
+use crate::source::names::tell_apart;
 use crate::{Error, Result};
 
 /// Names of the density, the likeliest first: of primitive and of conserved variables.
@@ -14,8 +15,8 @@ pub(super) const DENSITIES: [&str; 3] = ["rho", "dens", "density"];
 /// One variable.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Variable {
-    /// The name that the file gives it; where two datasets have a variable of that name, after its
-    /// dataset's name and a point.
+    /// The name that the file gives it; where two variables have it, after its dataset's name and a
+    /// point, and where two of one dataset have it, before a point and its place among all.
     pub(super) name: String,
     /// Path of the dataset.
     pub(super) dataset: String,
@@ -67,6 +68,10 @@ pub(super) fn variables(
         }
         left = rest;
     }
+    // Athena++ cuts names to 20 characters.
+    let mut names: Vec<String> = variables.iter().map(|variable| variable.name.clone()).collect();
+    tell_apart(&mut names);
+    variables.iter_mut().zip(names).for_each(|(variable, name)| variable.name = name);
     Ok(variables)
 }
 

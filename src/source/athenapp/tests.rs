@@ -38,6 +38,18 @@ fn what_an_output_says_of_itself() {
 }
 
 #[test]
+fn variables_of_one_name_are_told_apart() {
+    let mut output = MadeOutput::new();
+    let names = ["press", "press", "Bcc1", "press"].map(str::to_owned).to_vec();
+    output.set("VariableNames", Some(AttrValue::ascii_string_array_sized(names, 21).unwrap()));
+    output.write();
+    let source = crate::source::open(&output.path(), None).unwrap();
+    let names: Vec<&str> = source.hierarchy().fields.iter().map(|f| f.name.as_str()).collect();
+    assert_eq!(names, ["prim.press", "prim.press.1", "Bcc1", "B.press"]);
+    assert_eq!(output.read(1).unwrap()[2].1[0], 17.0);
+}
+
+#[test]
 fn an_xdmf_is_as_good_as_its_file() {
     let output = MadeOutput::new();
     output.write();
