@@ -1,7 +1,7 @@
 //! Files of an output that are missing, as far as the others tell: a domain is a box of which
 //! processes have parts, and all outputs of a run have the same parts.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use super::Piece;
@@ -110,17 +110,31 @@ fn check_filled((level, domain): (u32, u32), pieces: &[&Piece]) -> Result<(), St
 
 /// A cell in `all` that none of `pieces` has, beside one of them.
 fn gap(pieces: &[&Piece], all: &IndexBox) -> Option<[i128; 3]> {
-    let beside = pieces.iter().flat_map(|piece| {
-        let cells = piece.grid.cells();
-        (0..3).flat_map(move |a| {
-            let at = |i: i128| std::array::from_fn(|b| if a == b { i } else { cells.lo[b] });
-            [at(cells.hi[a]), at(cells.lo[a] - 1)]
-        })
-    });
+    let boxes: Vec<IndexBox> = pieces.iter().map(|piece| piece.grid.cells()).collect();
     let is_in = |cells: &IndexBox, cell| cells.contains(&IndexBox::at(cell, [1; 3]));
+    let mut beside = cells_beside(&boxes).into_iter().filter(|&cell| is_in(all, cell));
+    beside.find(|&cell| !boxes.iter().any(|cells| is_in(cells, cell)))
+}
+
+/// Cells beside the faces of boxes where no other box begins or ends as they do: few where boxes share a
+/// larger one.
+fn cells_beside(boxes: &[IndexBox]) -> Vec<[i128; 3]> {
+    let above = |cells: &IndexBox, a: usize| {
+        std::array::from_fn(|b| if a == b { cells.hi[b] } else { cells.lo[b] })
+    };
+    let first: HashSet<[i128; 3]> = boxes.iter().map(|cells| cells.lo).collect();
+    let mut beside = Vec::new();
+    for a in 0..3 {
+        let next: HashSet<[i128; 3]> = boxes.iter().map(|cells| above(cells, a)).collect();
+        beside.extend(next.difference(&first));
+        beside.extend(first.difference(&next).map(|&cell| {
+            let mut below = cell;
+            below[a] -= 1;
+            below
+        }));
+    }
+    beside.sort_unstable();
     beside
-        .filter(|&cell| is_in(all, cell))
-        .find(|&cell| !pieces.iter().any(|piece| is_in(&piece.grid.cells(), cell)))
 }
 
 /// Refuses that another output's `file` lies outside all that this one has of the same domain. Files

@@ -309,6 +309,12 @@ fn files_that_leave_a_gap_are_missed() {
     files[5] = ("id2/lev1/B-id2-lev1.0002.vtk", [1, 0], 0.5, [6.0, 2.0, 0.0]);
     let error = opened(files[0].0, &files).unwrap_err();
     assert!(error.contains("domain 0 of level 1") && error.contains("in id1"), "{error}");
+    // Of one that four share the first.
+    let mut files = WHOLE.to_vec();
+    files[4] = ("id2/lev1/B-id2-lev1.0002.vtk", [1, 0], 0.5, [2.0, 4.0, 0.0]);
+    files.push(("id3/lev1/B-id3-lev1.0002.vtk", [1, 0], 0.5, [4.0, 4.0, 0.0]));
+    let error = opened(files[0].0, &files).unwrap_err();
+    assert!(error.contains("as at cell [2, 3, 0]"), "{error}");
 }
 
 #[test]
