@@ -1,5 +1,7 @@
 //! The grids of a level: `Cell_H`, which lists their boxes and where their values are.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
@@ -44,6 +46,38 @@ pub(super) struct Fab {
     pub(super) file: OpenFile,
     /// Cells, components, numbers and where they begin.
     pub(super) header: FabHeader,
+}
+
+/// A data file's bytes, and how many of them grids are known to take: what is not there need not be
+/// sorted into a tree first.
+struct Room {
+    length: u64,
+    taken: u128,
+}
+
+impl Room {
+    /// Takes `bytes` after byte `offset`.
+    ///
+    /// # Errors
+    /// The reason, where the file is too short for them, or for all that were taken.
+    fn take(&mut self, bytes: u128, offset: u64) -> Result<(), String> {
+        let length = self.length;
+        if u128::from(length.saturating_sub(offset)) < bytes {
+            return Err(format!(
+                "its values take {bytes} bytes or more from byte {offset}, but the file ends \
+                 at byte {length}: is it truncated?"
+            ));
+        }
+        self.taken = self.taken.saturating_add(bytes);
+        if u128::from(length) < self.taken {
+            return Err(format!(
+                "its values and those of grids before it take {} bytes or more, but the file has {length}: \
+                 does Cell_H name a place twice?",
+                self.taken
+            ));
+        }
+        Ok(())
+    }
 }
 
 impl LevelData {
@@ -102,18 +136,20 @@ impl LevelData {
             text.parse().ok().filter(|&count: &u64| count == self.grids)
         })?;
         let mut boxes = Lines::open_at(&self.path, self.boxes)?;
-        let (mut file, mut length) = (String::new(), 0);
+        let mut files = HashMap::new();
         for grid in 0..self.grids {
             let cells = boxes.parse("a grid's box", PrintedBox::parse)?;
             let place = places.offset();
             let (name, offset) = places.parse("a FabOnDisk", |text| {
                 fab_on_disk(text).map(|(name, offset)| (name.to_owned(), offset))
             })?;
-            if name != file {
-                (length, file) = (self.length(&name)?, name);
-            }
-            self.check_fits(&cells, offset, &file, length)
-                .map_err(|reason| Error::invalid(self.place(grid), reason))?;
+            let room = match files.entry(name.clone()) {
+                Entry::Occupied(known) => known.into_mut(),
+                Entry::Vacant(new) => new.insert(Room { length: self.length(&name)?, taken: 0 }),
+            };
+            let fault = |reason: String| Error::invalid(self.place(grid), reason);
+            let bytes = self.bytes(&cells).map_err(fault)?;
+            room.take(bytes, offset).map_err(|reason| fault(format!("{name}: {reason}")))?;
             visit(grid, cells, place)?;
         }
         Ok(())
@@ -139,25 +175,11 @@ impl LevelData {
         Err(Error::invalid(self.path.display(), reason))
     }
 
-    /// Whether `cells` can be in the file `name` of `length` bytes after byte `offset`: what is not
-    /// there need not be sorted into a tree first.
-    fn check_fits(
-        &self,
-        cells: &PrintedBox,
-        offset: u64,
-        name: &str,
-        length: u64,
-    ) -> Result<(), String> {
+    /// The fewest bytes that the values in `cells` take.
+    fn bytes(&self, cells: &PrintedBox) -> Result<u128, String> {
         let cells: u128 = cells.size()?.iter().map(|&n| u128::from(n)).product();
         let number = self.number.map_or(SMALLEST_NUMBER, Number::bytes);
-        let bytes = cells * u128::from(self.components) * u128::from(number);
-        if u128::from(length.saturating_sub(offset)) < bytes {
-            return Err(format!(
-                "its values in {name} take {bytes} bytes or more from byte {offset}, but that ends at \
-                 byte {length}: is it truncated?"
-            ));
-        }
-        Ok(())
+        Ok(cells.saturating_mul(u128::from(self.components)).saturating_mul(u128::from(number)))
     }
 
     /// The FAB of the grid of `cells`, which the line at byte `place` of `Cell_H` tells.

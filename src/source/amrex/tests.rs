@@ -158,6 +158,23 @@ fn levels_that_do_not_fit_are_named() {
 }
 
 #[test]
+fn grids_that_share_their_values_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = Made { version: 2, ..Made::new() }.write(folder.path());
+    let cell_h = path.join("Level_1/Cell_H");
+    let text = std::fs::read_to_string(&cell_h).unwrap();
+    let offset = |line: &str| line.rsplit(' ').next().unwrap().to_owned();
+    let last = text.lines().filter(|line| line.starts_with("FabOnDisk")).next_back().unwrap();
+    let shared = text.replace(&format!("Cell_D_00000 {}", offset(last)), "Cell_D_00000 0");
+    std::fs::write(&cell_h, shared).unwrap();
+    let data = path.join("Level_1/Cell_D_00000");
+    let bytes = std::fs::read(&data).unwrap();
+    std::fs::write(&data, &bytes[..bytes.len() - 8]).unwrap();
+    let error = read(&path, 0).unwrap_err().to_string();
+    assert!(error.contains("grid 1") && error.contains("name a place twice"), "{error}");
+}
+
+#[test]
 fn data_that_do_not_fit_are_named() {
     for (from, to, expected) in [
         ("FAB ((8", "FAB: 1 0 IEEE", "ASCII"),
