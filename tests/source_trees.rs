@@ -123,19 +123,23 @@ fn synthetic_trees_hold_the_recipes_density_at_any_depth() {
 fn replaced(bytes: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {
     let places: Vec<usize> =
         (0..bytes.len() - from.len()).filter(|&at| bytes[at..].starts_with(from)).collect();
-    let [at] = places[..] else { panic!("{} places", places.len()) };
+    assert_eq!(places.len(), 1);
+    let at = places[0];
     [&bytes[..at], to, &bytes[at + from.len()..]].concat()
 }
 
+/// Level and location of a block.
+type Block = (u32, [i64; 3]);
+
 /// The lists of Athena++ of where `blocks` lie: levels, then locations.
-fn places(blocks: &[(u32, [i64; 3])]) -> [Vec<u8>; 2] {
+fn places(blocks: &[Block]) -> [Vec<u8>; 2] {
     let levels = blocks.iter().flat_map(|block| (block.0 as i32).to_be_bytes());
     let locations = blocks.iter().flat_map(|block| block.1).flat_map(i64::to_be_bytes);
     [levels.collect(), locations.collect()]
 }
 
 /// What ingest says of an Athena++ output when `change` has moved its blocks.
-fn moved(change: &dyn Fn(&mut Vec<(u32, [i64; 3])>)) -> String {
+fn moved(change: &dyn Fn(&mut Vec<Block>)) -> String {
     let recipe = "name = \"run\"\n[domain]\nleft = [0, 0, 0]\nright = [2, 1, 1]\nroot = [16, 8, 8]\n\
         tiles = [1, 1, 1]\n[refinement]\nmax_level = 2\nseed = 1\n[[refinement.centre]]\n\
         position = [0.4, 0.4, 0.4]\nhalf_size = [4, 4, 4]\n[[density]]\nkind = \"gradient\"\n\
@@ -160,7 +164,7 @@ fn moved(change: &dyn Fn(&mut Vec<(u32, [i64; 3])>)) -> String {
 
 #[test]
 fn blocks_that_do_not_tile_the_domain_are_refused() {
-    let finest = |blocks: &[(u32, [i64; 3])]| blocks.iter().position(|one| one.0 == 2).unwrap();
+    let finest = |blocks: &[Block]| blocks.iter().position(|one| one.0 == 2).unwrap();
     assert_eq!(moved(&|_| ()), "");
     // One of eight children gives way to their parent, and to the sibling beside it.
     let error = moved(&|blocks| {

@@ -164,7 +164,7 @@ fn grids_that_share_their_values_are_refused() {
     let cell_h = path.join("Level_1/Cell_H");
     let text = std::fs::read_to_string(&cell_h).unwrap();
     let offset = |line: &str| line.rsplit(' ').next().unwrap().to_owned();
-    let last = text.lines().filter(|line| line.starts_with("FabOnDisk")).next_back().unwrap();
+    let last = text.lines().rfind(|line| line.starts_with("FabOnDisk")).unwrap();
     let shared = text.replace(&format!("Cell_D_00000 {}", offset(last)), "Cell_D_00000 0");
     std::fs::write(&cell_h, shared).unwrap();
     let data = path.join("Level_1/Cell_D_00000");
