@@ -371,7 +371,7 @@ fn what_cannot_be_measured_is_one_clear_line() {
     let told = bench(&[&"depth", &scene, &cache, &"--tolerance=much"]).misused();
     assert!(told.contains("--tolerance"), "{told}");
     refused(&[&"reading", &absent], "absent");
-    refused(&[&"reading", &not_toml], "looked for enzo");
+    refused(&[&"reading", &not_toml], "of no known format: enzo");
     assert_eq!(bench(&[&"depth", &scene]).code, Some(2));
     assert_eq!(bench(&[&"tolerance", &cache, &scene, &"--repeat=0"]).code, Some(2));
     assert_eq!(bench(&[]).code, Some(2));
