@@ -318,6 +318,13 @@ fn folders_and_files_without_permission_are_named() {
     std::fs::set_permissions(&data, std::fs::Permissions::from_mode(0o000)).unwrap();
     let line = run(&[&"ingest", &source, &"-o", &folder.path().join("cache")]).failed();
     assert!(line.contains("cpu0000"), "{line}");
+    // What tells the format.
+    std::fs::set_permissions(&source, std::fs::Permissions::from_mode(0o000)).unwrap();
+    for input in [source.as_path(), source.parent().unwrap()] {
+        let line = run(&[&"info", &input]).failed();
+        let name = source.file_name().unwrap().to_str().unwrap();
+        assert!(line.contains(name) && line.contains("ermission denied"), "{line}");
+    }
 }
 
 /// A file system of `kibibytes`, gone when dropped.

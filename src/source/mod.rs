@@ -188,6 +188,9 @@ pub fn open(path: &Path, format: Option<&str>) -> Result<Box<dyn Source>> {
 }
 
 fn unknown(path: &Path) -> Error {
+    if let Some(error) = folder::unreadable(path) {
+        return error;
+    }
     let known: Vec<String> = FORMATS.iter().map(|f| format!("{} ({})", f.name, f.mark)).collect();
     let reason = format!(
         "is {}, but of no known format: {}; --format NAME says what that reader misses",
