@@ -3,13 +3,17 @@
 use super::entry::shown;
 use super::piecewise::PiecewiseLinear;
 use super::srgb::srgb_to_linear;
-use crate::spelling::nearest;
+use crate::spelling::nearest_first;
 use crate::{Error, Result};
 
 /// Entries of every table.
 const ENTRIES: usize = 256;
+/// Names that are told where one is not known.
+const NAMES_TOLD: usize = 6;
 
 type Table = [[f64; 3]; ENTRIES];
+/// Some entries of a table, with their numbers.
+type Knots = [(u8, [f64; 3])];
 
 static VIRIDIS: Table = include!("colormaps/viridis.in");
 static MAGMA: Table = include!("colormaps/magma.in");
@@ -45,6 +49,10 @@ static TABLES: [(&str, &Table); 15] = [
     ("berlin", &BERLIN),
 ];
 
+/// matplotlib's other maps, each as the entries between which the others are linear.
+#[allow(clippy::approx_constant)] // No colour is meant to be one.
+static KNOTS: &[(&str, &Knots)] = &include!("colormaps/matplotlib.in");
+
 const fn gray() -> Table {
     let mut table = [[0.0; 3]; ENTRIES];
     let mut entry = 0;
@@ -57,7 +65,28 @@ const fn gray() -> Table {
 
 /// The names of all colour maps; each may be followed by `_r` for the reverse.
 pub fn color_map_names() -> impl Iterator<Item = &'static str> {
-    TABLES.iter().map(|(name, _)| *name)
+    TABLES.iter().map(|(name, _)| *name).chain(KNOTS.iter().map(|(name, _)| *name))
+}
+
+/// The table of that name.
+fn table(name: &str) -> Option<Table> {
+    let whole = TABLES.iter().find_map(|(known, table)| (*known == name).then_some(**table));
+    let knots = || KNOTS.iter().find_map(|(known, knots)| (*known == name).then_some(*knots));
+    whole.or_else(|| knots().map(between))
+}
+
+/// All entries, linear between some.
+fn between(knots: &Knots) -> Table {
+    let mut table = [[0.0; 3]; ENTRIES];
+    for pair in knots.windows(2) {
+        let [(first, from), (last, to)] = [pair[0], pair[1]];
+        for entry in first..=last {
+            let share = f64::from(entry - first) / f64::from(last - first);
+            let mixed = |c: usize| from[c] + (to[c] - from[c]) * share;
+            table[usize::from(entry)] = std::array::from_fn(mixed);
+        }
+    }
+    table
 }
 
 /// A named colour map in linear RGB: entry k of 256 stands at x = k / 255, linear between.
@@ -79,10 +108,7 @@ impl ColorMap {
             Some(forward) => (forward, true),
             None => (plain, false),
         };
-        let table = TABLES
-            .iter()
-            .find_map(|(known, table)| (*known == plain).then_some(*table))
-            .ok_or_else(|| unknown(name, plain))?;
+        let table = table(plain).ok_or_else(|| unknown(name, plain))?;
         let entry = |k: usize| table[if reversed { ENTRIES - 1 - k } else { k }];
         let points = (0..ENTRIES).map(|k| (k as f64 / 255.0, entry(k).map(srgb_to_linear)));
         Ok(Self { name: name.to_owned(), table: PiecewiseLinear::from_sorted(points) })
@@ -101,11 +127,13 @@ impl ColorMap {
 
 fn unknown(name: &str, plain: &str) -> Error {
     let shown = shown(name);
-    let suggestion = nearest(plain, color_map_names()).unwrap_or_default();
-    let known: Vec<&str> = color_map_names().collect();
+    let mut near = nearest_first(plain, color_map_names());
+    near.truncate(NAMES_TOLD);
     Error::request(format!(
-        "unknown colour map `{shown}`; did you mean `{suggestion}`? (known: {}; `_r` reverses)",
-        known.join(", ")
+        "unknown colour map `{shown}`; did you mean `{}`? (known are matplotlib's and some of \
+         Crameri's; near: {}; `_r` reverses)",
+        near.first().copied().unwrap_or_default(),
+        near.join(", ")
     ))
 }
 
@@ -132,6 +160,32 @@ mod tests {
         }
     }
 
+    /// As matplotlib 3.11.2 prints them, of maps stored by some entries: to 1e-7 and what rounding adds.
+    #[test]
+    fn entries_between_others_are_matplotlibs() {
+        for (name, entry, srgb) in [
+            ("jet", 100, [0.13598988, 1.0, 0.83175206]),
+            ("Blues", 200, [0.10249904, 0.40868897, 0.6828912]),
+            ("tab10_r", 100, [0.89019608, 0.46666667, 0.76078431]),
+            ("twilight", 100, [0.33566979, 0.12954074, 0.51142807]),
+            ("cubehelix", 77, [0.1224721, 0.40198515, 0.25497905]),
+        ] {
+            let found = table(name.trim_end_matches("_r")).unwrap();
+            let entry = if name.ends_with("_r") { ENTRIES - 1 - entry } else { entry };
+            for (channel, expected) in found[entry].iter().zip(srgb) {
+                assert!((channel - expected).abs() < 2e-7, "{name} {entry}: {channel} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn names_are_told_apart() {
+        let names: Vec<_> = color_map_names().collect();
+        assert!(names.iter().all(|name| !name.ends_with("_r")) && names.len() > 90);
+        assert!((1..names.len()).all(|n| !names[..n].contains(&names[n])));
+        assert!(KNOTS.iter().all(|(_, knots)| knots[0].0 == 0 && knots[knots.len() - 1].0 == 255));
+    }
+
     #[test]
     fn every_map_is_light_and_reverses() {
         for name in color_map_names() {
@@ -146,7 +200,7 @@ mod tests {
     #[test]
     fn an_unknown_name_gets_the_nearest() {
         let message = ColorMap::named("virdis").unwrap_err().to_string();
-        assert!(message.contains("did you mean `viridis`"), "{message}");
+        assert!(message.contains("did you mean `viridis`") && message.len() < 300, "{message}");
         assert!(ColorMap::named("").is_err() && ColorMap::named("_r").is_err());
     }
 }
