@@ -52,7 +52,7 @@ impl Sums {
     }
 
     /// The larger of each number.
-    pub(crate) fn max(self, other: Self) -> Self {
+    pub(super) fn max(self, other: Self) -> Self {
         Self {
             emission: self.emission.max(other.emission),
             dimmed: self.dimmed.max(other.dimmed),

@@ -142,7 +142,9 @@ impl<'a> Integrator<'a> {
     fn account(&mut self, piece: &Piece, high: f64, length: f64, lit: f64) {
         let Some(reach) = self.reach else { return };
         let slope = Change { emission: piece.slope[0], extinction: piece.slope[1] };
-        self.tally.stored.add(slope.times(reach.storage.up_to(high)), length, lit);
+        // Of squares others' values count as well; how slopes differ there, with kinks.
+        let stored = slope.times(reach.storage.up_to(high + reach.others));
+        self.tally.stored.add(stored, length, lit);
         self.tally.length += length;
         self.tally.lit += lit;
         self.tally.slope.add(slope, length, lit);

@@ -105,8 +105,15 @@ impl<'a> BrickAccount<'a> {
         let mean = (0.5 * touching).min(length);
         let sums = PathSegment { length: 2.0 * mean, ..segment }.sums(change);
         self.error.farthest = self.error.farthest.plus(sums);
-        let sums = PathSegment { length: mean, ..segment }.sums(change);
-        self.error.uneven = self.error.uneven.plus(sums);
+        let segment = PathSegment { length: mean, ..segment };
+        self.error.uneven = self.error.uneven.plus(segment.sums(change));
+        self.add_stored(self.group().most_stored(), segment, 1.0);
+    }
+
+    /// Adds what stored values make of what others see over a `segment`, which are a `share` of the square.
+    fn add_stored(&mut self, most: Change, segment: PathSegment, share: f64) {
+        let of_stored = self.error.of_stored(self.relief.is_rounded);
+        *of_stored = of_stored.plus(segment.sums(most).times(share));
     }
 
     /// The next stretch lies in the dual cell (or cell) `cell`.
@@ -190,12 +197,7 @@ impl<'a> BrickAccount<'a> {
         self.error.quadrature += tally.quadrature;
         let is_spread = self.is_spread();
         let of_stored = self.error.of_stored(self.relief.is_rounded);
-        let mut stored = tally.stored;
-        if is_spread {
-            // Others of the square meet values that may be off by more.
-            stored = stored.max(Sums::of(group.most_stored(), tally.length, tally.lit));
-        }
-        *of_stored = of_stored.plus(stored);
+        *of_stored = of_stored.plus(tally.stored);
         if self.hides {
             let mut levels = Sums::of(group.levels, tally.length, tally.lit);
             if self.relief.levels_reach > 0.0 && !group.fills_void {
@@ -247,6 +249,7 @@ impl<'a> BrickAccount<'a> {
         end: DomainEnd,
     ) {
         let most = group.span.most;
+        self.add_stored(group.most_stored(), segment, share);
         let along = if let DomainEnd::Face(along) = end { along } else { [0.0; 3] };
         let mut change = self.change_beside(group, along);
         if self.hides {
@@ -283,6 +286,7 @@ impl<'a> BrickAccount<'a> {
         share: f64,
         end: DomainEnd,
     ) {
+        self.add_stored(group.most_stored(), segment, share);
         if let DomainEnd::Face(along) = end {
             let change = self.change_beside(group, along);
             self.add_face(group, change.times(2.0), segment, share);

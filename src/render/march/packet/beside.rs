@@ -33,7 +33,8 @@ impl<L: Lanes> Beside<L> {
     }
 
     /// Adds what others see while active rays pass `way` in the cells that they have come to, `before`
-    /// which so much transmittance is left.
+    /// which so much transmittance is left. Returns what stored values make of emission and extinction of
+    /// those, and over what way, of which how much is seen first.
     #[inline(always)]
     pub(super) fn pass<const ABSORBS: bool>(
         &mut self,
@@ -42,7 +43,7 @@ impl<L: Lanes> Beside<L> {
         walk: &Walk<L>,
         [way, before]: [L::Float; 2],
         active: L::Mask,
-    ) {
+    ) -> ([L::Float; 2], [L::Float; 2]) {
         let (zero, one, half) = (l.splat(0.0), l.splat(1.0), l.splat(0.5));
         let touching = l.mul(self.touching(l, walk, way), way);
         // The far side of a face takes at most half of the square, all of them together all of it: half
@@ -55,19 +56,7 @@ impl<L: Lanes> Beside<L> {
         let [at_most, on_average] = [l.mul(seen, reached), l.mul(seen, mean)];
         self.farthest = add_off::<L, ABSORBS>(l, self.farthest, others, at_most, reached);
         self.uneven = add_off::<L, ABSORBS>(l, self.uneven, others, on_average, mean);
-    }
-
-    /// What stored values make of emission and extinction of any of the squares' rays.
-    #[inline(always)]
-    pub(super) fn stored(
-        &self,
-        l: L,
-        brick: &PacketBrick<'_>,
-        walk: &Walk<L>,
-        active: L::Mask,
-    ) -> [L::Float; 2] {
-        let row = self.squares.relief(l, brick, walk.group(brick.groups));
-        unpacked(l, l.bits_of(row[STORED]), active)
+        (unpacked(l, l.bits_of(row[STORED]), active), [on_average, mean])
     }
 
     /// The shares of the way within reach of each of the cell's six faces, summed.

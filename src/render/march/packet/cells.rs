@@ -84,7 +84,9 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(
         sums.off = add_off::<L, ABSORBS>(l, sums.off, rates, l.mul(lit, length), length);
         if has_squares {
             walk.locate();
-            beside.pass::<ABSORBS>(l, brick, &walk, [way, before], active);
+            let (rates, [lit, mean]) =
+                beside.pass::<ABSORBS>(l, brick, &walk, [way, before], active);
+            sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, lit, mean);
         }
         if !brick.levels.is_empty() {
             let mut rates = rates_at(l, brick.levels, walk.group(brick.groups), active);
@@ -93,11 +95,7 @@ pub(super) fn march<L: Lanes, const ABSORBS: bool>(
             }
             sums.levels = add_off::<L, ABSORBS>(l, sums.levels, rates, passed.lit, way);
         }
-        let rates = if has_squares {
-            beside.stored(l, brick, &walk, active)
-        } else {
-            rates_at(l, brick.storages, cell, active)
-        };
+        let rates = rates_at(l, brick.storages, cell, active);
         sums.stored = add_off::<L, ABSORBS>(l, sums.stored, rates, passed.lit, way);
         active = go_on::<L, ABSORBS>(l, &mut walk, &exit, active, gathered.depth[0], fade);
     }

@@ -152,10 +152,11 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
         shift: &Shift<L>,
     ) -> StorageSlopes<L> {
         let Self { l, brick, active, .. } = *self;
-        let passed = self.sums.pass::<ABSORBS>(l, brick, self.allowed, active, stretch);
+        let mut passed = self.sums.pass::<ABSORBS>(l, brick, self.allowed, active, stretch);
         self.packet.count += passed.count;
         if !brick.reliefs.is_empty() {
-            shift.add::<ABSORBS>(l, brick, self.packet, &passed, stretch.way, active);
+            let way = (stretch.way, stretch.stored);
+            passed.steep.slopes = shift.add::<ABSORBS>(l, brick, self.packet, &passed, way, active);
         }
         passed.steep
     }
@@ -182,10 +183,12 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
             let part = Part::new(l, brick, &self.walk.cell, exists, ahead, along);
             let bend = stretch.cube.bend(l, &self.skew, along.from, length);
             let stretch = Stretch { bend, part: Some(&part), from, way: length, ..*stretch };
-            let passed = self.sums.pass::<ABSORBS>(l, brick, allowed, ahead, &stretch);
+            let mut passed = self.sums.pass::<ABSORBS>(l, brick, allowed, ahead, &stretch);
             self.packet.count += passed.count;
             if !brick.reliefs.is_empty() {
-                shift.add::<ABSORBS>(l, brick, self.packet, &passed, length, ahead);
+                let way = (length, stretch.stored);
+                passed.steep.slopes =
+                    shift.add::<ABSORBS>(l, brick, self.packet, &passed, way, ahead);
             }
             steep.add::<ABSORBS>(l, &passed.steep);
             ahead = l.and(ahead, is_less(l, to, way));
@@ -200,7 +203,7 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
         &mut self,
         place: &Place<L>,
         Stretch { way, stored, .. }: &Stretch<'_, L>,
-        mut steep: StorageSlopes<L>,
+        steep: StorageSlopes<L>,
         shift: &Shift<L>,
     ) {
         let Self { l, brick, active, .. } = *self;
@@ -214,8 +217,6 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
         }
         let mut of_group = [stored[0], stored[1]];
         if !brick.reliefs.is_empty() {
-            // Others' values are not those that were met.
-            steep.slopes = [l.splat(f32::MAX); 3];
             of_group = shift.stored(l, active);
         }
         self.sums.stored =

@@ -35,6 +35,8 @@ pub(super) struct Shift<L: Lanes> {
     range: L::Float,
     /// What stored values make of emission and extinction of any of them, packed.
     stored: L::Index,
+    /// [`Squares::wide`].
+    wide: L::Mask,
 }
 
 /// Pairs of axes.
@@ -102,7 +104,7 @@ impl<L: Lanes> Squares<L> {
         if brick.are_proxies {
             let most = l.min(over, range);
             let uneven = self.bent(l, brick, walk, way, uneven, most);
-            return Shift { most, uneven, range, stored };
+            return Shift { most, uneven, range, stored, wide: self.wide };
         }
         // On average half of what slopes make of the farthest, but no more than all there is.
         let most = l.min(over, l.add(range, range));
@@ -128,7 +130,7 @@ impl<L: Lanes> Squares<L> {
         let parted = l.mul(half_most, l.min(touching, one));
         let uneven = l.min(half_most, l.add(parted, bent));
         let uneven = l.max(l.select(self.wide, half_most, uneven), zero);
-        Shift { most, uneven, range, stored }
+        Shift { most, uneven, range, stored, wide: self.wide }
     }
 
     /// How far values at displaced places are from what is linear in their displacement, at most,
@@ -233,7 +235,7 @@ impl<L: Lanes> Shift<L> {
     #[inline(always)]
     pub(super) fn none(l: L) -> Self {
         let zero = l.splat(0.0);
-        Self { most: zero, uneven: zero, range: zero, stored: l.bits_of(zero) }
+        Self { most: zero, uneven: zero, range: zero, stored: l.bits_of(zero), wide: l.mask(0) }
     }
 
     /// What stored values make of emission and extinction of any of the squares' rays.
@@ -242,7 +244,9 @@ impl<L: Lanes> Shift<L> {
         unpacked(l, self.stored, active)
     }
 
-    /// Adds what rays of the squares see differently over a stretch of `way` that was passed.
+    /// Adds what rays of the squares see differently over a stretch of `way` that was passed. Returns what
+    /// values make of emission and extinction that are stored in the group as `stored` says, anywhere in
+    /// the squares; of squares wider than a cell, and of proxies, more than the group may.
     #[inline(always)]
     pub(super) fn add<const ABSORBS: bool>(
         &self,
@@ -250,9 +254,9 @@ impl<L: Lanes> Shift<L> {
         brick: &PacketBrick<'_>,
         packet: &mut Packet,
         Passed { seen, steep, .. }: &Passed<L>,
-        way: L::Float,
+        (way, stored): (L::Float, [L::Float; 4]),
         active: L::Mask,
-    ) {
+    ) -> [L::Float; 3] {
         let lit = steep.lit;
         let reach = l.add(l.min(self.most, self.range), l.splat(brick.reach));
         let half = l.add(l.min(seen.half, self.range), reach);
@@ -282,6 +286,15 @@ impl<L: Lanes> Shift<L> {
         let (emission, extinction) = (l.mul(slope, self.most), l.mul(fade, self.most));
         let most = [l.select(active, emission, zero), l.select(active, extinction, zero)];
         add_to::<L, ABSORBS>(l, &mut packet.farthest, most, lit, way);
+        let all = [l.splat(f32::MAX); 3];
+        if brick.are_proxies {
+            return all;
+        }
+        let off = l.fma(l.splat(brick.storage[1]), l.add(seen.middle, half), stored[3]);
+        let off = l.max(l.min(stored[2], off), zero);
+        let [slope, fade] = [l.mul(slope, off), l.mul(fade, off)];
+        let near = [l.mul(slope, lit), l.mul(fade, lit), l.mul(fade, way)];
+        std::array::from_fn(|n| l.select(self.wide, all[n], near[n]))
     }
 }
 
