@@ -175,3 +175,54 @@ fn values_along_a_side_of_the_domain_change_before_opposite_rays_leave_it() {
         }
     }
 }
+
+/// Where nothing shines along a square's own ray, what does along others is off as it is stored as well.
+#[test]
+fn stored_values_count_of_all_rays_of_a_square() {
+    const STORED: f64 = 1e-2;
+    let extrema = FieldExtrema { minimum: 0.0, maximum: 1.0, smallest_positive: Some(0.1) };
+    let mapping = Mapping::new(Scale::Linear, Some([0.0, 1.0]), extrema, 1.0).unwrap();
+    let rounding = mapping.rounding(STORED, 0.0);
+    let (storage, leaf_storage) = (rounding, rounding);
+    let distance = Distance { storage, leaf_storage, ..Distance::none([0.0, 1.0]) };
+    let function = transfer(&[(0.0, 0.0)], &[(0.0, 0.0), (0.5, 0.0), (1.0, 2.0)]);
+    let transfer = TransferPieces::new(&function, |_| 0.0);
+    let scene = camera([1.2, -0.5, 1.0], [0.0, 0.0, 3.0], 30.0, Some(2.5));
+    let stage = |leaf: Leaf, interpolation: Interpolation| {
+        let data = TestData::one_level(leaf);
+        let bricks = [[1, 0, 0]];
+        let mut stage = Stage::new(&data, 0, &bricks, &scene, &function, &transfer, interpolation);
+        stage.parts[0].brick.survey(&transfer.all, &distance, &mut Surveyor::default());
+        stage
+    };
+    for interpolation in [Interpolation::Cell, Interpolation::Linear] {
+        let stored = stage(|_, [x, _, _]| if x < 12 { 0.2 } else { 0.8 }, interpolation);
+        let source = stage(|_, [x, _, _]| if x < 12 { 0.2 } else { 0.807 }, interpolation);
+        let mut beside = 0;
+        for (x, halvings) in
+            (0..60).flat_map(|n| [(0.1 * f64::from(n), 0), (0.1 * f64::from(n), 2)])
+        {
+            let square = square(x, 3.0, halvings);
+            let width = 2.0 * square.half();
+            let mut off = 0.0;
+            for n in 0..RAYS * RAYS {
+                let place = [n % RAYS, n / RAYS]
+                    .map(|i| ((f64::from(i) + 0.5) / f64::from(RAYS) - 0.5) * width);
+                let centre = [square.centre[0] + place[0], square.centre[1] + place[1]];
+                let other = Square { centre, ..square };
+                let light = |stage: &Stage<'_>| stage.gather(&other, Way::WithoutAccount).0.light();
+                off += (light(&source) - light(&stored)) / f64::from(RAYS * RAYS);
+            }
+            for way in [Way::Alone, Way::InPackets] {
+                let (state, error) = stored.gather(&square, way);
+                let bound = error.causes.storage.emission;
+                assert!(
+                    off <= bound * (1.0 + 1e-6),
+                    "{x}, {halvings}, {way:?}: {off:e}, not {bound:e}"
+                );
+                beside += usize::from(state.light() == 0.0 && off > 0.0);
+            }
+        }
+        assert!(beside > 0, "{interpolation:?}");
+    }
+}
