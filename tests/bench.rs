@@ -8,6 +8,7 @@ mod support;
 use std::collections::HashMap;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use support::program::{names, run, written};
 use support::{IngestOptions, ingest, synth};
@@ -95,7 +96,8 @@ fn the_reference_of_an_area_is_many_rays_and_tells_its_own_change() {
     let text = std::fs::read_to_string(scene).unwrap();
     let smaller = text.replace("width = 32", "width = 16").replace("height = 24", "height = 12");
     let scene = written(folder.path(), "smaller.toml", &smaller);
-    let words = ["--tolerances=1e-2", "--repeat=2", "--fixed", "--reference-seconds=1"];
+    let plots = format!("--output={}", folder.path().join("plots").display());
+    let words = ["--tolerances=1e-2", "--repeat=2", "--fixed", "--reference-seconds=1", &plots];
     let mut arguments: Vec<&dyn AsRef<OsStr>> = vec![&"tolerance", &cache, &scene];
     arguments.extend(words.iter().map(|word| word as &dyn AsRef<OsStr>));
     let rows = table(&bench(&arguments).done());
@@ -118,9 +120,10 @@ fn the_reference_of_an_area_is_many_rays_and_tells_its_own_change() {
 
 #[test]
 fn a_rival_that_is_the_exact_picture_is_found() {
-    let (_folder, cache, scene) = cache_and_scene("2");
-    let words: [&dyn AsRef<OsStr>; 6] =
-        [&"tolerance", &cache, &scene, &"--tolerances=1e-2", &"--fixed", &"--repeat=1"];
+    let (folder, cache, scene) = cache_and_scene("2");
+    let plots = format!("--output={}", folder.path().join("plots").display());
+    let words: [&dyn AsRef<OsStr>; 7] =
+        [&"tolerance", &cache, &scene, &"--tolerances=1e-2", &"--fixed", &"--repeat=1", &plots];
     let rows = table(&bench(&words).done());
     assert_eq!(number(&rows[1], "fixed_error"), 0.0, "all levels, 2×2 rays, exact");
     assert_eq!(number(&rows[1], "fixed_rays_per_axis"), 2.0);
@@ -145,6 +148,19 @@ fn the_exact_picture_may_be_left_out() {
     assert!(rows.iter().all(|row| number(row, "error") > 0.0), "compared with the exact picture");
     let svg = std::fs::read_to_string(plots.join("seconds.svg")).unwrap();
     assert!(svg.contains("measured error") && !svg.contains("exact"), "{svg}");
+}
+
+#[test]
+fn a_plot_is_drawn_in_the_working_folder_where_none_is_named() {
+    let (folder, cache, scene) = cache_and_scene("1");
+    let mut bench = Command::new(env!("CARGO_BIN_EXE_deepfield"));
+    bench.args(["bench", "tolerance"]).arg(&cache).arg(&scene);
+    bench.args(["--tolerances=1e-1,1e-2", "--repeat=1", "--threads=1"]);
+    let ended = bench.current_dir(folder.path()).output().unwrap();
+    assert!(ended.status.success(), "{ended:?}");
+    assert_eq!(table(&String::from_utf8(ended.stdout).unwrap()).len(), 3);
+    let svg = std::fs::read_to_string(folder.path().join("a scene-tolerance.svg")).unwrap();
+    assert!(svg.contains("measured error"), "{svg}");
 }
 
 #[test]

@@ -83,7 +83,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     };
     let mut rendered = render(&cache, &scene, &options)?;
     rendered.stats.set_opening(opening);
-    warnings::of_bound(&rendered);
+    warnings::of_bound(&rendered, &cache, &scene);
     warnings::of_nothing(&rendered, &scene, &cache);
     write_picture(picture, format, &rendered, &scene, &overrides(arguments), &cache)?;
     stats_file.map_or(Ok(()), |file| file.write(&rendered.stats))

@@ -6,20 +6,26 @@ use crate::render::stats::Stats;
 use crate::render::{EXACT, Rendered};
 use crate::scene::Scene;
 
+/// What values are off by, relative, that are stored as f32.
+const AS_F32: f64 = 1e-6;
+/// The least that an f32 shows, which is no more than rounding of nothing.
+const NOTHING: f64 = 1e-44;
+
 /// Says so where the tolerance is not kept.
-pub(super) fn of_bound(Rendered { stats, film, .. }: &Rendered) {
+pub(super) fn of_bound(Rendered { stats, film, .. }: &Rendered, cache: &Cache, scene: &Scene) {
     let largest = f64::from(film.largest_value());
+    let is_lossy = field(cache, scene).is_some_and(|field| field.leaf_error > AS_F32);
     let tolerance = stats.tolerance.filter(|tolerance| *tolerance > 0.0).unwrap_or(EXACT * largest);
     if let Some(bound) = stats.error_bound
-        && bound > tolerance
+        && bound > tolerance.max(NOTHING)
     {
-        warn(beyond(stats, bound, tolerance));
+        warn(beyond(stats, is_lossy, bound, tolerance));
     }
 }
 
 /// That a bound is beyond the tolerance, and what may be done about it.
-fn beyond(stats: &Stats, bound: f64, tolerance: f64) -> String {
-    let advice = other_advice(stats);
+fn beyond(stats: &Stats, is_lossy: bool, bound: f64, tolerance: f64) -> String {
+    let advice = other_advice(stats, is_lossy);
     // Of single rays nothing more is known than their bound.
     match stats.error_estimate.filter(|likely| *likely < bound) {
         Some(likely) if likely <= tolerance => format!(
@@ -39,13 +45,15 @@ fn beyond(stats: &Stats, bound: f64, tolerance: f64) -> String {
 }
 
 /// What else would bring the bound down, by what makes most of it.
-fn other_advice(stats: &Stats) -> &'static str {
+fn other_advice(stats: &Stats, is_lossy: bool) -> &'static str {
     let shares = stats.error_shares.unwrap_or_default();
     let rest = shares.total() - shares.storage - shares.pixel_area;
     if shares.pixel_area >= rest.max(shares.storage) {
         " or for --samples N"
-    } else if shares.storage >= rest {
+    } else if shares.storage >= rest && is_lossy {
         ", for a cache without --error, or for a transfer function that is less steep"
+    } else if shares.storage >= rest {
+        " or for a transfer function that is less steep"
     } else {
         ""
     }

@@ -33,7 +33,7 @@ pub(super) struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Subject {
-    /// Time against measured error, for a sweep of tolerances: CSV, and plots with -o
+    /// Time against measured error, for a sweep of tolerances: CSV and a plot, more of them with -o
     Tolerance(tolerance::Arguments),
     /// The same picture from caches that differ in depth: CSV
     Depth(depth::Arguments),

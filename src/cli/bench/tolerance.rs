@@ -1,6 +1,6 @@
 //! `deepfield bench tolerance`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
@@ -36,7 +36,8 @@ pub(super) struct Arguments {
     /// Do without the exact picture: where it is of areas it takes most of the time
     #[arg(long)]
     no_exact: bool,
-    /// Write tolerance.csv and the plots seconds.svg, bytes.svg and samples.svg to this folder too
+    /// Write tolerance.csv and the plots seconds.svg, bytes.svg and samples.svg to this folder too,
+    /// not SCENE-tolerance.svg, the first of them, to the working folder
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Compare with the fastest setting picked by hand that reaches the same error
@@ -69,14 +70,19 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut rivals = rivals.transpose()?;
     time_again(&bench, &mut rows, rivals.as_deref_mut(), arguments.limits.repeat)?;
     let text = table::sweep(&rows, &reference, rivals.as_deref())?;
+    let name = scene.file_stem().unwrap_or_default().to_string_lossy();
+    let plots = plots(&name, &rows, &reference, rivals.as_deref().unwrap_or_default());
     if let Some(folder) = output {
         atomic_file::write(&folder.join("tolerance.csv"), &text)?;
-        let name = scene.file_stem().unwrap_or_default().to_string_lossy();
-        for (file, plot) in plots(&name, &rows, &reference, rivals.as_deref().unwrap_or_default()) {
+        for (file, plot) in plots {
             atomic_file::write(&folder.join(file), &plot.svg())?;
         }
+        return Output::new().end_with(&text);
     }
-    Output::new().end_with(&text)
+    // What was measured is told even where the plot cannot be written.
+    Output::new().end_with(&text)?;
+    let file = format!("{name}-tolerance.svg");
+    plots.first().map_or(Ok(()), |(_, plot)| atomic_file::write(Path::new(&file), &plot.svg()))
 }
 
 fn measure_rows(bench: &Bench<'_>, arguments: &Arguments) -> Result<Vec<Row>> {
