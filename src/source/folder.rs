@@ -18,21 +18,20 @@ pub(super) fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
     entries.map(|entry| entry.map(|e| e.path()).map_err(fault)).collect()
 }
 
-/// Why the file at `path`, or one in the folder there, is of no known format, if that is that it may not
-/// be read.
-pub(super) fn unreadable(path: &Path) -> Option<Error> {
-    let denied = |path: &Path, error: io::Error| {
-        let is_denied = error.kind() == io::ErrorKind::PermissionDenied;
-        is_denied.then(|| Error::io(path, "cannot open the input", error))
+/// Why the file or folder at `path` is of no known format, if that is that it may not be read.
+pub(super) fn denied(path: &Path) -> Option<Error> {
+    let opened = if path.is_dir() {
+        std::fs::read_dir(path).map(|_| ())
+    } else {
+        regular_file::open(path).map(|_| ())
     };
-    let of_file = |file: &Path| denied(file, regular_file::open(file).err()?);
-    if path.is_file() {
-        return of_file(path);
-    }
-    let entries = match std::fs::read_dir(path) {
-        Ok(entries) => entries,
-        Err(error) => return denied(path, error),
-    };
+    let error = opened.err().filter(|error| error.kind() == io::ErrorKind::PermissionDenied)?;
+    Some(Error::io(path, "cannot open the input", error))
+}
+
+/// The first file in `folder` that may not be read, if it is a folder.
+pub(super) fn denied_within(folder: &Path) -> Option<PathBuf> {
+    let entries = std::fs::read_dir(folder).ok()?;
     let files = entries.flatten().map(|entry| entry.path()).filter(|entry| entry.is_file());
-    files.take(MOST_TRIED).find_map(|file| of_file(&file))
+    files.take(MOST_TRIED).find(|file| denied(file).is_some())
 }

@@ -188,14 +188,17 @@ pub fn open(path: &Path, format: Option<&str>) -> Result<Box<dyn Source>> {
 }
 
 fn unknown(path: &Path) -> Error {
-    if let Some(error) = folder::unreadable(path) {
+    if let Some(error) = folder::denied(path) {
         return error;
     }
     let known: Vec<String> = FORMATS.iter().map(|f| format!("{} ({})", f.name, f.mark)).collect();
     let reason = format!(
-        "is {}, but of no known format: {}; --format NAME says what that reader misses",
+        "is {}, but of no known format: {}; --format NAME says what that reader misses{}",
         kind(path),
-        known.join(", ")
+        known.join(", "),
+        folder::denied_within(path).map_or_else(String::new, |file| {
+            format!("; permission denied to read {}", file.display())
+        })
     );
     Error::not_supported(path.display(), reason)
 }

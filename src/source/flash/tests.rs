@@ -163,25 +163,28 @@ fn what_is_missing_is_named() {
     assert_eq!(file.read(0).unwrap()[0].1[0], -100.0);
 }
 
+/// A file with a change is refused, with what is expected in the line about it.
+#[track_caller]
+fn check(change: impl Fn(&mut MadeFile), expected: &str) {
+    let mut file = MadeFile::new();
+    change(&mut file);
+    file.write();
+    let error = file.error();
+    assert!(error.contains(expected), "{error}");
+}
+
 #[test]
 fn trees_that_contradict_themselves_are_refused() {
-    let check = |change: &dyn Fn(&mut MadeFile), expected: &str| {
-        let mut file = MadeFile::new();
-        change(&mut file);
-        file.write();
-        let error = file.error();
-        assert!(error.contains(expected), "{error}");
-    };
-    check(&|file| file.levels[4] = 3, "block 5: its refine level 3 should be 2 by gid");
-    check(&|file| file.gid[4][6] = 1, "block 5: its parent 1 does not name it as a child");
-    check(&|file| file.gid[4][6] = 12, "block 5: refers to block 12 of 11");
-    check(&|file| file.gid[1].swap(7, 8), "block 3: its bounding box has the edge 0 along x");
-    check(&|file| file.boxes[0][0] = f64::NAN, "block 1: has no parent");
-    check(&|file| file.boxes[0][1] = f64::INFINITY, "block 1: its bounding box has the edge inf");
-    check(&|file| file.boxes[10] = [9.0; 6], "block 11: has no parent");
+    check(|file| file.levels[4] = 3, "block 5: its refine level 3 should be 2 by gid");
+    check(|file| file.gid[4][6] = 1, "block 5: its parent 1 does not name it as a child");
+    check(|file| file.gid[4][6] = 12, "block 5: refers to block 12 of 11");
+    check(|file| file.gid[1].swap(7, 8), "block 3: its bounding box has the edge 0 along x");
+    check(|file| file.boxes[0][0] = f64::NAN, "block 1: has no parent");
+    check(|file| file.boxes[0][1] = f64::INFINITY, "block 1: its bounding box has the edge inf");
+    check(|file| file.boxes[10] = [9.0; 6], "block 11: has no parent");
     // Two blocks that are each other's parent, with seven more children of the second.
     check(
-        &|file| {
+        |file| {
             (file.gid[1][6], file.types[2], file.gid[2][7]) = (3, 2, 2);
             for child in 12..19 {
                 file.gid[2][child as usize - 4] = child;
@@ -199,17 +202,10 @@ fn trees_that_contradict_themselves_are_refused() {
 
 #[test]
 fn node_types_that_contradict_the_tree_are_refused() {
-    let check = |change: &dyn Fn(&mut MadeFile), expected: &str| {
-        let mut file = MadeFile::new();
-        change(&mut file);
-        file.write();
-        let error = file.error();
-        assert!(error.contains(expected), "{error}");
-    };
-    check(&|file| file.types[1] = 1, "block 2: its node type is 1, but it has 8 children by gid");
-    check(&|file| file.types[0] = 2, "block 1: its node type is 2, but it has 0 children by gid");
-    check(&|file| file.types[0] = 0, "block 1: its node type is 0");
-    check(&|file| file.gid[1][9] = -1, "block 2: its node type is 2, but it has 7 children by gid");
-    check(&|file| file.gid[1][9] = 3, "block 3: is a child of block 2 and again of block 2");
-    check(&|file| file.gid[10][7] = 3, "block 3: is a child of block 2 and again of block 11");
+    check(|file| file.types[1] = 1, "block 2: its node type is 1, but it has 8 children by gid");
+    check(|file| file.types[0] = 2, "block 1: its node type is 2, but it has 0 children by gid");
+    check(|file| file.types[0] = 0, "block 1: its node type is 0");
+    check(|file| file.gid[1][9] = -1, "block 2: its node type is 2, but it has 7 children by gid");
+    check(|file| file.gid[1][9] = 3, "block 3: is a child of block 2 and again of block 2");
+    check(|file| file.gid[10][7] = 3, "block 3: is a child of block 2 and again of block 11");
 }

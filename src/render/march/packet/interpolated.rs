@@ -155,8 +155,8 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
         let mut passed = self.sums.pass::<ABSORBS>(l, brick, self.allowed, active, stretch);
         self.packet.count += passed.count;
         if !brick.reliefs.is_empty() {
-            let way = (stretch.way, stretch.stored);
-            passed.steep.slopes = shift.add::<ABSORBS>(l, brick, self.packet, &passed, way, active);
+            passed.steep.slopes =
+                shift.add::<ABSORBS>(l, brick, self.packet, &passed, stretch, active);
         }
         passed.steep
     }
@@ -186,9 +186,8 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
             let mut passed = self.sums.pass::<ABSORBS>(l, brick, allowed, ahead, &stretch);
             self.packet.count += passed.count;
             if !brick.reliefs.is_empty() {
-                let way = (length, stretch.stored);
                 passed.steep.slopes =
-                    shift.add::<ABSORBS>(l, brick, self.packet, &passed, way, ahead);
+                    shift.add::<ABSORBS>(l, brick, self.packet, &passed, &stretch, ahead);
             }
             steep.add::<ABSORBS>(l, &passed.steep);
             ahead = l.and(ahead, is_less(l, to, way));

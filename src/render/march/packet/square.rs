@@ -1,9 +1,10 @@
 //! What rays stand for that are the centres of squares: how far the squares' other rays are from
-//! them, as [`crate::render::bounds::brick_account`] has it for single rays.
+//! them, as [`crate::render::march::brick_account`] has it for single rays.
 #![allow(clippy::needless_range_loop)]
 
 use super::PacketBrick;
 use super::bends::{kinks_between, slopes_near};
+use super::gain::Stretch;
 use super::rows::{distance, load, store};
 use super::sums::Passed;
 use super::walk::Walk;
@@ -244,9 +245,9 @@ impl<L: Lanes> Shift<L> {
         unpacked(l, self.stored, active)
     }
 
-    /// Adds what rays of the squares see differently over a stretch of `way` that was passed. Returns what
-    /// values make of emission and extinction that are stored in the group as `stored` says, anywhere in
-    /// the squares; of squares wider than a cell, and of proxies, more than the group may.
+    /// Adds what rays of the squares see differently over a stretch that was passed. Returns what stored
+    /// values make of emission and extinction anywhere in the squares; of squares wider than a cell, and
+    /// of proxies, more than the group may.
     #[inline(always)]
     pub(super) fn add<const ABSORBS: bool>(
         &self,
@@ -254,9 +255,10 @@ impl<L: Lanes> Shift<L> {
         brick: &PacketBrick<'_>,
         packet: &mut Packet,
         Passed { seen, steep, .. }: &Passed<L>,
-        (way, stored): (L::Float, [L::Float; 4]),
+        Stretch { way, stored, .. }: &Stretch<'_, L>,
         active: L::Mask,
     ) -> [L::Float; 3] {
+        let way = *way;
         let lit = steep.lit;
         let reach = l.add(l.min(self.most, self.range), l.splat(brick.reach));
         let half = l.add(l.min(seen.half, self.range), reach);
