@@ -25,8 +25,8 @@ const REAL: [&str; 5] = [
 const SYNTHETIC: [&str; 6] = ["small", "jumps", "offdomain", "factor4", "deep25", "deep48"];
 /// Pixels across and down, all of which are compared.
 const SMALL: [usize; 2] = [9, 7];
-/// Pixels enough for full packets, several tiles and bricks in fewer cells, of which every so many
-/// are compared.
+/// Pixels enough for full packets, several tiles and bricks in fewer cells, of which some are
+/// compared.
 const LARGE: [usize; 2] = [131, 97];
 /// The same, and pixels so many that those around one are asked about its area.
 const LARGER: [usize; 2] = [259, 193];
@@ -130,6 +130,27 @@ impl Campaign {
         Ok(())
     }
 
+    /// The pixels that are compared: some all over the picture and, where rays are few enough that
+    /// a picture to tolerance 0 can tell, those where it is farthest from that.
+    fn places(
+        self,
+        subject: &Subject,
+        trial: &Trial,
+        stored: f64,
+        picture: &Rendered,
+    ) -> twin::Result<Vec<usize>> {
+        let count = self.size[0] * self.size[1];
+        // An odd number of a row's pixels more or less, so that all columns have their turn.
+        let mut places: Vec<usize> = (0..count).step_by((count / COMPARED).max(1) | 1).collect();
+        let is_exact = stored == 0.0 && picture.stats.tolerance == Some(0.0);
+        if places.len() < count && !self.areas && !is_exact {
+            places.extend(farthest(subject, trial, picture)?);
+            places.sort_unstable();
+            places.dedup();
+        }
+        Ok(places)
+    }
+
     fn try_scene(
         self,
         subject: &Subject,
@@ -140,12 +161,11 @@ impl Campaign {
         let start = Instant::now();
         let picture = subject.picture(&trial.text, stored)?;
         tally.picture_time += start.elapsed();
+        let places = self.places(subject, trial, stored, &picture)?;
         let start = Instant::now();
         let accuracy = CONVERGED * picture.stats.tolerance.unwrap_or(f64::NAN);
-        // An odd number of a row's pixels more or less, so that all columns have their turn.
-        let every = (self.size[0] * self.size[1] / COMPARED).max(1) | 1;
-        let effort = Effort { accuracy, most_rays: self.most_rays, every };
-        let reference = subject.reference(&trial.text, effort)?;
+        let effort = Effort { accuracy, most_rays: self.most_rays };
+        let reference = subject.reference_at(&trial.text, effort, Some(places))?;
         tally.reference_time += start.elapsed();
         tally.rays += reference.rays;
         let mut outcome = Outcome::new(&picture, &reference, trial, stored > 0.0);
@@ -155,6 +175,18 @@ impl Campaign {
             outcome.fault(&picture, &reference).map(|fault| format!("{fault}: {}", outcome.scene));
         Ok(outcome)
     }
+}
+
+/// The pixels that differ most from those of a picture to tolerance 0, a few.
+fn farthest(subject: &Subject, trial: &Trial, picture: &Rendered) -> twin::Result<Vec<usize>> {
+    let is_tolerance = |line: &&str| line.starts_with("tolerance");
+    let line = trial.text.lines().find(is_tolerance).ok_or("a scene without a tolerance")?;
+    let exact = subject.picture(&trial.text.replace(line, "tolerance = 0"), 0.0)?;
+    let pixels = picture.film.pixels().iter().zip(exact.film.pixels());
+    let apart = pixels.map(|(a, b)| (0..4).map(|c| (a[c] - b[c]).abs()).fold(0.0, f32::max));
+    let mut ranked: Vec<(usize, f32)> = apart.enumerate().collect();
+    ranked.sort_by(|a, b| b.1.total_cmp(&a.1));
+    Ok(ranked.into_iter().take(COMPARED / 2).map(|(n, _)| n).collect())
 }
 
 /// `CERTIFICATE_SCENES=1`, `2`, … in the environment draws other scenes than usually.

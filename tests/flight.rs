@@ -39,7 +39,7 @@ fn draw(subject: &Subject, flight: &Flight<'_>, n: usize, tolerance: f64) -> twi
 }
 
 fn effort(tolerance: f64) -> Effort {
-    Effort { accuracy: 0.2 * tolerance, most_rays: 12_000, every: 1 }
+    Effort { accuracy: 0.2 * tolerance, most_rays: 12_000 }
 }
 
 impl Frame {

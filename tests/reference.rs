@@ -16,7 +16,7 @@ use twin::scene::Scene;
 use twin::scenes::random_trial;
 use twin::subject::{CLUMPY, Subject};
 
-const EFFORT: Effort = Effort { accuracy: 1e-4, most_rays: 4000, every: 1 };
+const EFFORT: Effort = Effort { accuracy: 1e-4, most_rays: 4000 };
 /// Along z over all of a unit square, from outside.
 const ALONG_Z: &str = "[camera]\nposition = [0.5, 0.5, -1.0]\nlook_at = [0.5, 0.5, 0.5]\n\
     up = [0.0, 1.0, 0.0]\nprojection = \"orthographic\"\n";
@@ -28,7 +28,7 @@ fn reference(text: &str, dataset: &Dataset, effort: Effort) -> twin::Result<Refe
     let scene = Scene::parse(text)?;
     let transfer = scene.transfer(dataset)?;
     let tree = Tree::new(&Interpolant::new(dataset, &transfer))?;
-    Reference::render(&scene, dataset, &tree, effort)
+    Reference::render(&scene, dataset, &tree, effort, None)
 }
 
 fn scene(pixels: usize, height: f64, interpolation: &str, samples: &str, volume: &str) -> String {
@@ -79,7 +79,7 @@ fn averages_of_a_gaussian_ball_converge_to_the_analytic_ones() -> twin::Result<(
     for cells in [16, 32, 64] {
         let subject = Subject::synthetic(&format!("gaussian_{cells}"))?;
         let text = scene(PIXELS, 1.0, "linear", "\"area\"", GLOW);
-        let effort = Effort { accuracy: 1e-4, most_rays: 5_000, every: 1 };
+        let effort = Effort { accuracy: 1e-4, most_rays: 5_000 };
         let found = subject.reference(&text, effort)?;
         let error = |(n, pixel): (usize, &[f64; 4])| {
             let exact = mean(n % PIXELS) * mean(n / PIXELS) * along(0.0, 1.0);
@@ -103,7 +103,7 @@ fn parts_of_pixels_are_measured_within_the_error_stated() -> twin::Result<()> {
     let covered = (1.0 - 1.7 / 3.0) / 2.0 / (1.7 / 3.0);
     let mut last = f64::INFINITY;
     for accuracy in [1e-1, 1e-2, 1e-3] {
-        let found = reference(&text, &dataset, Effort { accuracy, most_rays: 200_000, every: 1 })?;
+        let found = reference(&text, &dataset, Effort { accuracy, most_rays: 200_000 })?;
         let mut largest = 0.0_f64;
         for (n, (pixel, error)) in found.picture.pixels.iter().zip(&found.error).enumerate() {
             let part = |n: usize| if n == 1 { 1.0 } else { covered };
@@ -143,7 +143,7 @@ fn all_light_of_deep_cores_is_seen() -> twin::Result<()> {
         let text = scene(pixels, height, "cell", "\"area\"", &glow);
         let pixel_area = (height / pixels as f64).powi(2);
         let all: f64 = (0..=dataset.deepest()).map(light).sum();
-        let effort = Effort { accuracy: 0.05 * all / pixel_area, most_rays: 10_000, every: 1 };
+        let effort = Effort { accuracy: 0.05 * all / pixel_area, most_rays: 10_000 };
         let found = subject.reference(&text, effort)?;
         let seen = found.picture.pixels.iter().map(|p| p[0]).sum::<f64>() * pixel_area;
         let error = found.error.iter().map(|e| e[0]).sum::<f64>() * pixel_area;
@@ -167,11 +167,8 @@ fn averages_change_by_no_more_than_their_stated_error() -> twin::Result<()> {
             let text = with_samples(&trial.text, "\"area\"");
             let even = subject.reference(&with_samples(&text, "32"), EFFORT)?.picture;
             let coarse = subject.reference(&with_samples(&text, "16"), EFFORT)?.picture;
-            let efforts = [3e-2, 3e-3].map(|part| Effort {
-                accuracy: part * even.largest(),
-                most_rays: 3_000,
-                every: 1,
-            });
+            let efforts = [3e-2, 3e-3]
+                .map(|part| Effort { accuracy: part * even.largest(), most_rays: 3_000 });
             let few = subject.reference(&text, efforts[0])?;
             let many = subject.reference(&text, efforts[1])?;
             for n in 0..size[0] * size[1] {

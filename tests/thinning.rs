@@ -104,12 +104,12 @@ fn rays_far_closer_than_cells_share_what_they_see() {
             .fold(0.0, f64::max);
         eprintln!(
             "{view}: off by {farthest:.2e} of {bound:.2e}, by rays {:.2e}; samples {} of {}",
-            shares.pixel_area, found.stats.samples, truth.stats.samples
+            shares.proxies, found.stats.samples, truth.stats.samples
         );
         assert!(farthest <= bound + truth.stats.error_bound.unwrap(), "{view}: {farthest}");
         assert!(bound <= found.stats.tolerance.unwrap(), "{view}: {bound}");
         // Rays stand for themselves: only what others have seen for them is off by where they are.
-        assert!(shares.pixel_area > 0.0, "{view}");
+        assert!(shares.proxies > 0.0, "{view}");
         let samples = [found.stats.samples, truth.stats.samples];
         assert!(samples[0] < samples[1] * share / 100, "{view}: {samples:?}");
         let little = picture_of(&cache, view, tolerance, (64, 1));

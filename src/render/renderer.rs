@@ -79,7 +79,7 @@ enum State {
 impl State {
     /// How a tile that may be off like this has turned out, beside a goal of so much `tolerance`.
     fn of(TileError { shares, estimate, .. }: &TileError, tolerance: f64) -> Self {
-        if shares.levels + shares.digits + shares.pixel_area <= tolerance {
+        if shares.levels + shares.digits + shares.pixel_area + shares.proxies <= tolerance {
             Self::Within
         } else if *estimate <= tolerance {
             Self::Likely

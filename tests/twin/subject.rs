@@ -135,6 +135,16 @@ impl Subject {
 
     /// The truth.
     pub(crate) fn reference(&self, text: &str, effort: Effort) -> Result<Reference> {
+        self.reference_at(text, effort, None)
+    }
+
+    /// The truth at some pixels (by number, row by row), or at all.
+    pub(crate) fn reference_at(
+        &self,
+        text: &str,
+        effort: Effort,
+        places: Option<Vec<usize>>,
+    ) -> Result<Reference> {
         let scene = Scene::parse(text)?;
         let transfer = scene.transfer(&self.dataset)?;
         let scale = transfer.scale;
@@ -147,7 +157,7 @@ impl Subject {
                 tree
             }
         };
-        Reference::render(&scene, &self.dataset, &tree, effort)
+        Reference::render(&scene, &self.dataset, &tree, effort, places)
     }
 }
 

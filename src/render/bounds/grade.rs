@@ -52,6 +52,9 @@ pub(crate) enum Care {
     Exact,
 }
 
+/// Parts that the way through a cell is cut into at most, whatever the care.
+pub(crate) const MOST_PARTS: u32 = 64;
+
 impl Care {
     /// The next better one.
     pub(crate) fn more(self) -> Self {
@@ -63,7 +66,7 @@ impl Care {
 
     /// Parts that the way through a cell is cut into, at most.
     pub(super) fn parts(self) -> u32 {
-        if self == Self::Rough { 16 } else { 64 }
+        if self == Self::Rough { 16 } else { MOST_PARTS }
     }
 
     /// What a single cell may be off by, as a part of what a ray may be.

@@ -9,8 +9,10 @@ pub struct ErrorShares {
     pub digits: f64,
     /// Transfer function and integrals replaced by simpler ones.
     pub quadrature: f64,
-    /// Pixels' areas replaced by finitely many rays, and rays by others beside them.
+    /// Pixels' areas replaced by finitely many rays.
     pub pixel_area: f64,
+    /// Rays replaced by others beside them.
+    pub proxies: f64,
     /// Stored values that are not the source's: f32, or `ingest --error`.
     pub storage: f64,
     /// Rays that ended before the domain's far side.
@@ -22,15 +24,20 @@ pub struct ErrorShares {
 impl ErrorShares {
     /// All together.
     pub fn total(&self) -> f64 {
-        let all = self.levels
-            + self.digits
-            + self.quadrature
-            + self.pixel_area
-            + self.storage
-            + self.termination
-            + self.rounding;
+        let all: f64 = self.to_array().iter().sum();
         // Nothing is known then.
         if all.is_nan() { f64::INFINITY } else { all }
+    }
+
+    fn to_array(self) -> [f64; 8] {
+        let Self { levels, digits, quadrature, pixel_area, .. } = self;
+        let Self { proxies, storage, termination, rounding, .. } = self;
+        [levels, digits, quadrature, pixel_area, proxies, storage, termination, rounding]
+    }
+
+    fn from_array(all: [f64; 8]) -> Self {
+        let [levels, digits, quadrature, pixel_area, proxies, storage, termination, rounding] = all;
+        Self { levels, digits, quadrature, pixel_area, proxies, storage, termination, rounding }
     }
 
     /// All but what pixels' areas are off by, which may be without limit.
@@ -40,26 +47,19 @@ impl ErrorShares {
 
     /// Adds `weight` times another's.
     pub(crate) fn add(&mut self, other: &Self, weight: f64) {
-        self.levels += weight * other.levels;
-        self.digits += weight * other.digits;
-        self.quadrature += weight * other.quadrature;
-        self.pixel_area += weight * other.pixel_area;
-        self.storage += weight * other.storage;
-        self.termination += weight * other.termination;
-        self.rounding += weight * other.rounding;
+        let (mut all, other) = (self.to_array(), other.to_array());
+        all.iter_mut().zip(other).for_each(|(share, other)| *share += weight * other);
+        *self = Self::from_array(all);
     }
 }
 
 /// The same of one of many rays, in half the room: as f32, none smaller than it was.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct RayShares([f32; 7]);
+pub(crate) struct RayShares([f32; 8]);
 
 impl From<ErrorShares> for RayShares {
     fn from(shares: ErrorShares) -> Self {
-        let ErrorShares { levels, digits, quadrature, pixel_area, storage, termination, rounding } =
-            shares;
-        let all = [levels, digits, quadrature, pixel_area, storage, termination, rounding];
-        Self(all.map(|share| {
+        Self(shares.to_array().map(|share| {
             let rounded = share as f32;
             if f64::from(rounded) < share { rounded.next_up() } else { rounded }
         }))
@@ -68,9 +68,7 @@ impl From<ErrorShares> for RayShares {
 
 impl From<RayShares> for ErrorShares {
     fn from(RayShares(all): RayShares) -> Self {
-        let [levels, digits, quadrature, pixel_area, storage, termination, rounding] =
-            all.map(f64::from);
-        Self { levels, digits, quadrature, pixel_area, storage, termination, rounding }
+        Self::from_array(all.map(f64::from))
     }
 }
 
@@ -80,13 +78,9 @@ mod tests {
 
     #[test]
     fn a_rays_shares_are_no_smaller_in_half_the_room() {
-        let numbers = [0.1, 0.0, 1e-50, f64::INFINITY, 1e300, 1.0, 3e-7];
-        let [levels, digits, quadrature, pixel_area, storage, termination, rounding] = numbers;
-        let shares =
-            ErrorShares { levels, digits, quadrature, pixel_area, storage, termination, rounding };
-        let ErrorShares { levels, digits, quadrature, pixel_area, storage, termination, rounding } =
-            RayShares::from(shares).into();
-        let rounded = [levels, digits, quadrature, pixel_area, storage, termination, rounding];
+        let numbers = [0.1, 0.0, 1e-50, f64::INFINITY, 1e300, 1.0, 3e-7, 2.0];
+        let shares = RayShares::from(ErrorShares::from_array(numbers));
+        let rounded = ErrorShares::from(shares).to_array();
         for (rounded, number) in rounded.into_iter().zip(numbers) {
             assert!(
                 rounded >= number && (rounded > 1e38 || rounded <= 1.000_000_2 * number + 2e-45)

@@ -57,12 +57,12 @@ impl Visit<'_> {
         let inside = self.span.map_or(0.0, |(from, to)| (to - from) * ray.length);
         let across: f64 = (0..3).map(|a| (region.hi[a] - region.lo[a]) * beam.advance[a]).sum();
         let all = (wide.1 - wide.0) * ray.length;
-        // All rays of the square meet the region within its extent along the ray.
+        // All rays of the square meet the region within its extent along the ray. What is more than the
+        // centre's may lie at either end.
         let outside = (all.min(across) - inside).max(0.0);
-        let counted = if all > inside { outside / (all - inside) } else { 0.0 };
         let Some((from, to)) = self.span else {
             let rim = Rim { outside: wide, inside: (wide.1, wide.1), face: wide.1 };
-            return self.look_at(account, &rim, counted);
+            return self.look_at(account, &rim, outside);
         };
         let kept = if region.ends == 0 {
             (from, to)
@@ -71,12 +71,13 @@ impl Visit<'_> {
         };
         let enters = Rim { outside: (wide.0, from), inside: (from, kept.0), face: from };
         let leaves = Rim { outside: (to, wide.1), inside: (kept.1, to), face: to };
-        self.look_at(account, &enters, counted);
-        self.look_at(account, &leaves, counted);
+        self.look_at(account, &enters, outside);
+        self.look_at(account, &leaves, outside);
     }
 
-    /// Adds what is met and missed at one end, of the way outside so much as is `counted`.
-    fn look_at(&self, account: &mut BrickAccount<'_>, rim: &Rim, counted: f64) {
+    /// Adds what is met and missed at one end, where no ray goes farther outside than `most` (code
+    /// length).
+    fn look_at(&self, account: &mut BrickAccount<'_>, rim: &Rim, most: f64) {
         let Self { region, beam, span, .. } = *self;
         let mut end = self.domain_end(account.spread(), rim.all());
         // A short way is looked at once; and one over which what is met and what is missed cancel.
@@ -89,6 +90,8 @@ impl Visit<'_> {
             end = DomainEnd::Edge;
         }
         let share = if span.is_some() { 0.5 } else { beam.covered.min(0.5) };
+        let outside = (rim.outside.1 - rim.outside.0) * self.ray.length;
+        let counted = if outside > most { most / outside } else { 1.0 };
         self.each_part(account, rim.outside, group.as_deref(), |account, group, segment| {
             let length = counted * segment.length;
             account.beside(group, PathSegment { length, ..segment }, share, end);

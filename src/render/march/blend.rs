@@ -13,8 +13,9 @@ use crate::render::camera::frame::LocalRay;
 /// Coefficients of a blended polynomial: a cubic times the weights of four levels.
 const DEGREES: usize = 8;
 /// s⁸ is replaced by the polynomial of degree 7 closest to it over [0, 1] (s⁸ less the shifted
-/// Chebyshev polynomial T*₈ / 2¹⁵). Weights of so many levels vary so little along a piece that
-/// this is below rounding to f32.
+/// Chebyshev polynomial T*₈ / 2¹⁵). Where there is one, its factor is the cubic term of a level whose
+/// cells are 2⁵ times as wide as the stretch is long or wider, times weights that change by 2⁻¹ to 2⁻⁵
+/// along it: 2⁻³⁰ of what that level's values differ by, and with the 2⁻¹⁵ below 2⁻⁴⁵.
 const EIGHTH_POWER: [f64; DEGREES] = [
     -1.0 / 32768.0,
     128.0 / 32768.0,
@@ -34,7 +35,7 @@ pub(super) fn march_mixed(
     drawn: DrawnNeighbours,
     ray: &LocalRay,
     step: &Step,
-    levels: &mut Vec<BlendLevel>,
+    room: &mut BlendRoom,
     integrator: &mut Integrator<'_>,
 ) -> f64 {
     let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
@@ -56,7 +57,8 @@ pub(super) fn march_mixed(
         let length = (ends[1] - ends[0]) * ray.length;
         if own.states[own.at(cell.map(|c| c + 1))] & state::VOID == 0 {
             let line = [at(ends[0]), at(ends[1])];
-            LevelBlend::new(brick, drawn, cell, line, length, levels).march(integrator);
+            room.blend(brick, drawn, cell, line, length);
+            room.march(integrator);
         } else {
             void += length;
         }
@@ -64,12 +66,9 @@ pub(super) fn march_mixed(
     void
 }
 
-/// Most kinks looked at: three for each of eight levels.
-const KINKS: usize = 24;
-
 /// One level in an octant of a half cell, along the ray's stretch in it.
 #[derive(Clone, Copy)]
-pub(super) struct BlendLevel {
+struct BlendLevel {
     /// Which cells exist, as in [`Cube`].
     exists: u8,
     /// Distances from the cell's centre at the stretch's beginning, and how much these grow.
@@ -79,24 +78,29 @@ pub(super) struct BlendLevel {
     cubic: [f64; 4],
 }
 
-/// The levels that an octant of a half cell blends, from the finest on.
-struct LevelBlend<'r> {
-    levels: &'r [BlendLevel],
+/// The levels that an octant of a half cell blends, from the finest on; in memory that is used again
+/// for the next.
+#[derive(Default)]
+pub(super) struct BlendRoom {
+    levels: Vec<BlendLevel>,
     /// The stretch's length, code length.
     length: f64,
+    /// 0, the s in order where some level's weight may bend, and 1.
+    cuts: Vec<f64>,
 }
 
-impl<'r> LevelBlend<'r> {
-    /// The blend of the octant of `cell` that holds the stretch from `line[0]` to `line[1]` (local
-    /// cells), `length` code lengths long; in the memory of `levels`.
-    fn new(
+impl BlendRoom {
+    /// Takes the octant of `cell` that holds the stretch from `line[0]` to `line[1]` (local cells),
+    /// `length` code lengths long.
+    fn blend(
+        &mut self,
         brick: &ScaledBrick,
         drawn: DrawnNeighbours,
         cell: [usize; 3],
         line: [[f64; 3]; 2],
         length: f64,
-        levels: &'r mut Vec<BlendLevel>,
-    ) -> Self {
+    ) {
+        let Self { levels, .. } = self;
         let middle = std::array::from_fn(|a| 0.5 * (line[0][a] + line[1][a]));
         levels.clear();
         for up in 0..brick.used {
@@ -114,12 +118,12 @@ impl<'r> LevelBlend<'r> {
                 break;
             }
         }
-        Self { levels, length }
+        self.length = length;
+        self.find_kinks();
     }
 
     fn march(&self, integrator: &mut Integrator<'_>) {
-        let (cuts, count) = self.kinks();
-        for ends in cuts[..count].windows(2).filter(|ends| ends[0] < ends[1]) {
+        for ends in self.cuts.windows(2).filter(|ends| ends[0] < ends[1]) {
             let ends = [ends[0], ends[1]];
             // As it is where two levels meet.
             if self.levels.len() <= 2 {
@@ -135,24 +139,22 @@ impl<'r> LevelBlend<'r> {
         integrator.along(&x, (to - from) * self.length);
     }
 
-    /// 0, the s in order where some level's weight may bend, and 1; and how many these are.
-    fn kinks(&self) -> ([f64; KINKS + 2], usize) {
-        let mut cuts = [1.0; KINKS + 2];
-        cuts[0] = 0.0;
-        let mut count = 1;
-        for BlendLevel { from, run, .. } in self.levels.iter().filter(|level| level.is_blended()) {
+    fn find_kinks(&mut self) {
+        let Self { levels, cuts, .. } = self;
+        cuts.clear();
+        cuts.push(0.0);
+        for BlendLevel { from, run, .. } in levels.iter().filter(|level| level.is_blended()) {
             for (a, b) in [(0, 1), (1, 2), (2, 0)] {
                 let (before, rise) = (from[a] - from[b], run[a] - run[b]);
-                if before * (before + rise) < 0.0 && count <= KINKS {
-                    cuts[count] = -before / rise;
-                    count += 1;
+                if before * (before + rise) < 0.0 {
+                    cuts.push(-before / rise);
                 }
             }
         }
-        if count > 2 {
-            cuts[1..count].sort_unstable_by(f64::total_cmp);
+        if cuts.len() > 2 {
+            cuts[1..].sort_unstable_by(f64::total_cmp);
         }
-        (cuts, count + 1)
+        cuts.push(1.0);
     }
 
     /// The interpolant in terms of the whole stretch's s, as it is over `ends`, between which no

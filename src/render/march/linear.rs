@@ -2,7 +2,7 @@
 //! ray, or a few polynomials beside borders of levels.
 
 use super::absorb::Integrator;
-use super::blend::{BlendLevel, march_mixed};
+use super::blend::{BlendRoom, march_mixed};
 use super::brick_account::{BrickAccount, PathSegment};
 use super::ray::{CellRange, DUAL_SHIFT};
 use crate::polynomial::Polynomial;
@@ -36,12 +36,12 @@ pub(super) fn march_linear(
     let range = CellRange::of(region, DUAL_SHIFT);
     let mut walk = Walk::new(ray, span, DUAL_SHIFT, range.lo, range.hi);
     let cells = DualCells { brick, drawn, range: &range };
-    let mut levels = Vec::new();
+    let mut room = BlendRoom::default();
     while let Some(step) = walk.next() {
         if integrator.is_faded() {
             break;
         }
-        pass_dual_cell(cells, ray, &step, &mut levels, integrator, account);
+        pass_dual_cell(cells, ray, &step, &mut room, integrator, account);
     }
     if let Some(account) = account {
         account.close(integrator);
@@ -54,7 +54,7 @@ pub(super) fn pass_dual_cell(
     cells: DualCells<'_>,
     ray: &LocalRay,
     step: &Step,
-    levels: &mut Vec<BlendLevel>,
+    room: &mut BlendRoom,
     integrator: &mut Integrator<'_>,
     account: &mut Option<BrickAccount<'_>>,
 ) {
@@ -70,7 +70,7 @@ pub(super) fn pass_dual_cell(
             march_plain(brick, ray, step, integrator);
             0.0
         }
-        dual::MIXED | dual::BLENDED => march_mixed(brick, drawn, ray, step, levels, integrator),
+        dual::MIXED | dual::BLENDED => march_mixed(brick, drawn, ray, step, room, integrator),
         _ => length,
     };
     if let Some(account) = account

@@ -33,8 +33,6 @@ pub(crate) struct Effort {
     pub(crate) accuracy: f64,
     /// Most rays in one pixel.
     pub(crate) most_rays: usize,
-    /// Draws every so many pixels, from the first on.
-    pub(crate) every: usize,
 }
 
 /// Places of Gauss' two points on 0 … 1.

@@ -57,13 +57,14 @@ struct Work<'a> {
 }
 
 impl Reference {
-    /// Renders every pixel of `scene`, or every n-th, on all processors; `tree` holds `dataset`
-    /// under the scene's scale.
+    /// Renders all pixels of `scene`, or those at `places` (by number, row by row), on all
+    /// processors; `tree` holds `dataset` under the scene's scale.
     pub(crate) fn render(
         scene: &Scene,
         dataset: &Dataset,
         tree: &Tree,
         effort: Effort,
+        places: Option<Vec<usize>>,
     ) -> Result<Self> {
         let (width, height) = (scene.image.width, scene.image.height);
         let camera = Camera::new(scene, dataset)?;
@@ -72,7 +73,7 @@ impl Reference {
         let scenery = Scenery { tree, medium: &medium, is_linear };
         let cell = dataset.root_cell_width().map(DoubleDouble::to_f64);
         let specks = Specks::find(scenery, &camera, cell, [width, height]);
-        let places: Vec<usize> = (0..width * height).step_by(effort.every).collect();
+        let places = places.unwrap_or_else(|| (0..width * height).collect());
         let work = Work {
             scenery,
             camera: &camera,

@@ -4,18 +4,25 @@ use super::cell_walk::CellWalk;
 use super::lane_rays::{EnterBrick, LaneRays, split};
 use super::{Accounts, Place, Rays, TileRay, lanes};
 use crate::lanes::{MOST_LANES, Row, Width};
+use crate::render::bounds::grade::MOST_PARTS;
 use crate::render::bounds::ray_error::RayError;
 use crate::render::bounds::sums::Sums;
 use crate::render::bounds::touch::Spread;
 use crate::render::march::absorb::Integrator;
+use crate::render::march::blend::BlendRoom;
 use crate::render::march::brick_account::BrickAccount;
 use crate::render::march::linear::{DualCells, pass_dual_cell};
 use crate::render::march::packet::{March, Packet, PacketBrick, SLACK};
 use crate::render::march::ray::{Beam, arrive, leave, march, spread_of};
 use crate::render::march::ray_state::RayState;
+use crate::render::transfer::rounded::up;
 
-/// What rounding of f32 may take off sums of errors.
-const ROUNDED_UP: f64 = 1.0 + 1e-5;
+/// What rounding of f32 may take off sums of errors: 2⁻²⁴ for each number added. A ray meets 97 dual
+/// cells of a brick of 32 cells a side at most, each in 8 stretches beside a border of levels, and of a
+/// stretch [`MOST_PARTS`] parts are added up.
+const ROUNDED_UP: f64 = 1.0 + (97 * 8 + MOST_PARTS) as f64 * f32::EPSILON as f64;
+/// What it may take off an optical depth, whose sum keeps what is lost.
+const DEPTH_ROUNDED: f64 = 1.0 + 1e-5;
 
 /// A packet and whose rays are in its lanes.
 #[derive(Debug)]
@@ -163,9 +170,9 @@ impl RayPacket {
         }
         for a in 0..3 {
             self.packet.spread[a].0[lane] = spread.cells[a] as f32 + SLACK;
-            self.packet.bend[a].0[lane] = spread.bend[a] as f32;
+            self.packet.bend[a].0[lane] = up(spread.bend[a]);
         }
-        self.packet.turn.0[lane] = (2.0 * spread.angle) as f32;
+        self.packet.turn.0[lane] = up(2.0 * spread.angle);
         self.squares.push(LaneSquare { beam: *beam, spread, before });
         single
     }
@@ -283,14 +290,14 @@ impl RayPacket {
         let mut account = accounts.then(|| BrickAccount::new(relief, error, passage.hides, spread));
         let mut integrator = Integrator::new(light.pieces, &light.ending, accounts, state);
         let cells = DualCells { brick: passage.brick, drawn: passage.drawn, range };
-        let mut levels = Vec::new();
+        let mut room = BlendRoom::default();
         let goes_on = loop {
             if integrator.is_faded() {
                 break false;
             }
             let (step, has_next) = walk.step();
             if step.from < step.to {
-                pass_dual_cell(cells, &ray, &step, &mut levels, &mut integrator, &mut account);
+                pass_dual_cell(cells, &ray, &step, &mut room, &mut integrator, &mut account);
             }
             if !has_next {
                 break false;
@@ -328,13 +335,13 @@ fn fade(state: &RayState, place: &Place<'_>, lane_rays: &LaneRays, lane: usize) 
     let ratio = state.transmittance / least;
     // Where the brick is not as deep as that, how deep it would be need not be known.
     let (from, to) = lane_rays.span(lane);
-    let deepest = place.most * (to - from) * lane_rays.length(lane) * ROUNDED_UP;
+    let deepest = place.most * (to - from) * lane_rays.length(lane) * DEPTH_ROUNDED;
     let halvings = (ratio.to_bits() >> 52) as f64 - 1023.0;
     if halvings * std::f64::consts::LN_2 >= deepest {
         return f32::MAX;
     }
     let depth = ratio.ln().max(0.0);
     // Rounding of f32 must not end a ray that then would go on.
-    let depth = depth * ROUNDED_UP + (ROUNDED_UP - 1.0);
+    let depth = depth * DEPTH_ROUNDED + (DEPTH_ROUNDED - 1.0);
     if depth.is_nan() { f32::MAX } else { depth.min(f64::from(f32::MAX)) as f32 }
 }

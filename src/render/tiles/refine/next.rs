@@ -45,9 +45,8 @@ impl Next {
             return true;
         }
         let can_be_finer = !matches!(batch.cut, Cut::FullDepth);
-        // Of rays that stand for themselves the other part is what proxies make of them.
-        let of_cut = mean.levels + if batch.has_area { 0.0 } else { mean.pixel_area };
-        let off = [of_cut / room, mean.digits / room];
+        // How many rays take from proxies goes by the limit of levels.
+        let off = [(mean.levels + mean.proxies) / room, mean.digits / room];
         if can_be_finer && (off[0] > LEVELS_SHARE || off[1] > DIGITS_SHARE) {
             self.worst = std::array::from_fn(|n| self.worst[n].max(off[n]));
             self.finer.extend(found);
@@ -71,5 +70,5 @@ impl Next {
 /// What finer levels, more rays or more care than `care` change.
 pub(super) fn movable(shares: &ErrorShares, care: Care) -> f64 {
     let march = if care == Care::Exact { 0.0 } else { shares.quadrature };
-    shares.levels + shares.digits + shares.pixel_area + march
+    shares.levels + shares.digits + shares.pixel_area + shares.proxies + march
 }
