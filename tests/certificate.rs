@@ -38,6 +38,10 @@ const STORED: f64 = 1e-3;
 const EXACT: f64 = 1e-6;
 /// Part of the tolerance to which averages over pixels converge.
 const CONVERGED: f64 = 0.02;
+/// Largest part of the pixels whose reference may be less exact than the bound.
+const UNDECIDED: f64 = 0.05;
+/// How loose bounds of n×n rays may be: most of bound / measured in the median scene.
+const LOOSEST: f64 = 25.0;
 
 /// How many scenes, of pixels that stand for areas or for n×n rays, and how hard the reference
 /// tries.
@@ -98,6 +102,7 @@ impl Campaign {
         let count = (failures.len(), tally.outcomes.len());
         assert!(failures.is_empty(), "{count:?} scenes failed\n{}", failures.join("\n"));
         assert!(count.1 >= SYNTHETIC.len() * self.scenes_each);
+        tally.check_width(self.areas)?;
         let open = tally.open_areas();
         for (n, what) in ["tolerance", "estimate"].into_iter().enumerate() {
             let within = open.iter().filter(|o| o.is_within[n]).count();
@@ -298,6 +303,33 @@ impl Tally {
         self.print_likelihood();
     }
 
+    /// That what was compared decides, and that bounds are not loose.
+    fn check_width(&self, areas: bool) -> twin::Result<()> {
+        let undecided: usize = self.outcomes.iter().map(|o| o.undecided).sum();
+        let pixels: usize = self.outcomes.iter().map(|o| o.pixels).sum();
+        if undecided as f64 > UNDECIDED * pixels as f64 {
+            return Err(format!("{undecided} of {pixels} pixels are undecided"));
+        }
+        if areas {
+            let is_known = !self.open_areas().is_empty();
+            return is_known.then_some(()).ok_or("no area was left to estimates".into());
+        }
+        let median = at(&self.ratios(false), 0.5).ok_or("nothing was off")?;
+        if median > LOOSEST {
+            return Err(format!("bounds are {median} times what is measured in the median"));
+        }
+        Ok(())
+    }
+
+    /// Bound / measured of every scene where something was off, in order.
+    fn ratios(&self, is_area: bool) -> Vec<f64> {
+        let of_kind = self.outcomes.iter().filter(|o| o.is_area == is_area);
+        let measured = of_kind.filter(|o| o.measured > 0.0 && o.bound.is_finite());
+        let mut ratios: Vec<f64> = measured.map(|o| o.bound / o.measured).collect();
+        ratios.sort_by(f64::total_cmp);
+        ratios
+    }
+
     /// Areas that no bound certifies, where not stored values alone are off by more than the tolerance.
     fn open_areas(&self) -> Vec<&Outcome> {
         let is_open = |o: &&Outcome| o.is_area && o.tolerance > 0.0 && o.bound > o.tolerance;
@@ -333,10 +365,8 @@ impl Tally {
         let limited = count(&|o| o.tolerance > 0.0 && !o.is_lossy && o.floor > o.tolerance);
         let undecided: usize = of_kind.iter().map(|o| o.undecided).sum();
         let pixels: usize = of_kind.iter().map(|o| o.pixels).sum();
-        let measured = of_kind.iter().filter(|o| o.measured > 0.0 && o.bound.is_finite());
-        let mut ratios: Vec<f64> = measured.map(|o| o.bound / o.measured).collect();
-        ratios.sort_by(f64::total_cmp);
-        let at = |part: f64| ratios.get((part * ratios.len() as f64) as usize).copied();
+        let ratios = self.ratios(is_area);
+        let at = |part: f64| at(&ratios, part);
         eprintln!(
             "{name}: {} scenes, {failed} failed, bound below tolerance in {below}, {limited} \
              limited by f32, {undecided} of {} pixels undecided; bound / measured: quartiles {:.3?} {:.3?} {:.3?}, 95% {:.3?}",
@@ -348,6 +378,34 @@ impl Tally {
             at(0.95)
         );
     }
+}
+
+/// What lies so far into sorted numbers.
+fn at(sorted: &[f64], part: f64) -> Option<f64> {
+    sorted.get((part * sorted.len() as f64) as usize).copied()
+}
+
+/// Where cells are wide and the transfer function is smooth, bounds of areas reach.
+#[test]
+fn areas_of_wide_cells_are_certified() -> twin::Result<()> {
+    let subject = Subject::synthetic("small")?;
+    let text = "[image]\nwidth = 12\nheight = 9\n[camera]\nposition = [0.5, 0.5, -2.0]\n\
+        look_at = [0.5, 0.5, 0.5]\nprojection = \"orthographic\"\nheight = 0.006\n[render]\n\
+        tolerance = \"1%\"\nsamples = \"area\"\n[[volume]]\nfield = \"Density\"\n\
+        range = [1e-2, 1e4]\nscale = \"log10\"\ncolor = [[0.0, 0.1, 0.2, 0.3], [1.0, 1.0, 0.8, 0.5]]\n\
+        absorption = [[0.0, 0.0], [1.0, 1.0]]\n";
+    let picture = subject.picture(text, 0.0)?;
+    let (bound, tolerance) = (picture.stats.error_bound, picture.stats.tolerance);
+    let (bound, tolerance) = bound.zip(tolerance).ok_or("no bound")?;
+    assert!(bound > 0.0 && bound <= tolerance, "{bound:e} of {tolerance:e}");
+    let effort = Effort { accuracy: CONVERGED * tolerance, most_rays: 4000 };
+    let reference = subject.reference(text, effort)?;
+    let off = errors(&picture, &reference);
+    for (n, error) in reference.places.iter().zip(off) {
+        let own = reference.error[*n];
+        assert!((0..4).all(|c| error[c] <= bound + own[c]), "{error:?}, {bound:e}, {own:?}");
+    }
+    Ok(())
 }
 
 #[test]

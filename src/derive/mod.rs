@@ -154,11 +154,9 @@ impl<'s> Derived<'s> {
                     let of =
                         |operand| needed.binary_search(operand).ok().map(|at| &computed[at][..]);
                     let operands: Option<Vec<&[f64]>> = derived.operands.iter().map(of).collect();
-                    cells::evaluate(
-                        &derived.expression,
-                        &operands.unwrap_or_default(),
-                        &mut values,
-                    );
+                    let lacking = "a derived field lacks one that it is made of";
+                    let operands = operands.ok_or_else(|| Error::request(lacking))?;
+                    cells::evaluate(&derived.expression, &operands, &mut values);
                 }
             }
             computed.push(values);

@@ -271,7 +271,7 @@ pub(super) fn is_void(shape: BrickShape, raw: &RawBrick) -> bool {
     local.into_iter().all(|cell| {
         for (up, block) in raw.blocks.iter().enumerate() {
             // The brick's lowest cell lies at an even multiple of 2^up until a block is one cell.
-            let [x, y, z] = cell.map(|c| (c >> up) + 1);
+            let [x, y, z] = cell.map(|c| c.checked_shr(up as u32).unwrap_or(0) + 1);
             let bits = block.states[block.at(x, y, z)];
             if bits & state::EXISTS != 0 {
                 return bits & state::VOID != 0;

@@ -1,28 +1,8 @@
 //! What the march of packets may be off by in each group of a brick's cells, and which groups are
 //! fit for it at all.
 //!
-//! A way through a cell is cut into equal parts. About the middle of one x is a cubic,
-//! m + aσ + e·(σ² − ¼) + o·(σ³ − σ/4) for σ from −½ to ½, and covers a range of at most w ≥ |a|.
-//! Two nodes integrate exactly what is linear in x. Let the emission be a quadratic of half second
-//! derivative c, but for steps K of its slope and C of c, and a deviation d. Of c·x² what is odd
-//! in σ vanishes in integral and rule alike, and what is left is off by
-//! c·(a·o/90 + e²/180 + 0.0011·o²). For the steps let x be δ from the straight line through the
-//! nodes, which covers a range of r: δ = e·(σ² − 1/12) + o·(σ³ − σ/12) is at most D = e/6 + o/12,
-//! and nothing at the nodes, so that the rule sees the line alone. Of a step anywhere along that it
-//! is off by at most 0.0225·r·K + 0.0055·r²·C (found by trying all places). To the integral δ adds
-//! what it makes behind the step, K times its own integral from there to the end, at most
-//! 0.0161·e + 0.007·o, and C times that of 2(x − step)·δ, at most r·(0.0105·e + 0.0112·o), with
-//! D²·C; and where x lies on the other side than the line does, K·D·min(1, D/r) at most. All that is
-//! never more than the distance from the chord, w·K/4 + w²·C/4. So much is added, and 2d. Where
-//! light is absorbed over the part, by a depth τ at most, what cancels does so to τ:
-//! τ·(w·K/4 + w²·C/4 + 0.0112·c·w·e) is added, and for what is linear in x, times the slope,
-//! τ·(o/180 + τ·e/360). Where weights of levels make a fourth power of x, its coefficient's 180th
-//! times the slope is. In front of a node, the optical depth is off where extinction is not linear
-//! between nodes; and emission times transmittance is no polynomial: a fourth derivative f⁗ makes
-//! f⁗/4320.
-//!
-//! All that a packet works out by itself, from values that it meets (`render/march/packet/bends.rs`),
-//! and cuts a way into parts until it is little. What it cannot change is worked out here: the
+//! What depends on the values that a ray meets a packet works out by itself, and cuts a way into parts
+//! until it is little (`render/march/packet/bends.rs`). What it cannot change is worked out here: the
 //! table's own deviation, and what rounding to f32 does to x and to light.
 
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -199,8 +179,10 @@ impl Grades {
         let rows = (0..count).map(|n| {
             let [a, b, c, d] = stored(relief.group(n), slope, &transfer.table);
             let levels = self.levels.get(n).copied().unwrap_or(0);
-            let [rate, levels] = [self.rates[n], levels].map(f32::from_bits);
-            [a, b, c, d, rate, levels, levels, 0.0]
+            let mut row = [a, b, c, d, 0.0, 0.0, 0.0, 0.0];
+            row[RATE] = f32::from_bits(self.rates[n]);
+            [row[LEVELS], row[LEVELS_NEAR]] = [f32::from_bits(levels); 2];
+            row
         });
         self.rows.clear();
         self.rows.extend(rows);
@@ -264,37 +246,43 @@ impl Grades {
             let mut before = vec![0; stride];
             for at in 0..self.rows.len() {
                 let n = at / stride % side;
-                let own = self.rows[at][NEAR].to_bits();
+                let own = self.rows[at][LEVELS_NEAR].to_bits();
                 let mut most = own;
                 if n > 0 {
                     most = larger_halves(most, before[at % stride]);
                 }
                 if n + 1 < side {
-                    most = larger_halves(most, self.rows[at + stride][NEAR].to_bits());
+                    most = larger_halves(most, self.rows[at + stride][LEVELS_NEAR].to_bits());
                 }
                 before[at % stride] = own;
-                self.rows[at][NEAR] = f32::from_bits(most);
+                self.rows[at][LEVELS_NEAR] = f32::from_bits(most);
             }
         }
     }
 }
 
-/// Where a group's row has levels near it.
-const NEAR: usize = 6;
+/// Where a group's entry in `packet::PacketBrick::rows` has what it may be off by, what levels beneath
+/// make of that, and the most that they make in it or beside it; before them stands what stored values
+/// make.
+pub(crate) const RATE: usize = 4;
+pub(crate) const LEVELS: usize = 5;
+pub(crate) const LEVELS_NEAR: usize = 6;
 
 /// The larger of the upper halves and the larger of the lower ones.
 fn larger_halves(a: u32, b: u32) -> u32 {
     (a & !0xffff).max(b & !0xffff) | (a & 0xffff).max(b & 0xffff)
 }
 
-/// Where `packet::PacketBrick::reliefs` have what stored values make.
-pub(crate) const STORED: usize = 7;
+/// Where a group's entry in `packet::PacketBrick::reliefs` has the range of its values, and what stored
+/// values make; before them stand slopes, and what of these does not cancel.
+pub(crate) const RELIEF_RANGE: usize = 6;
+pub(crate) const RELIEF_STORED: usize = 7;
 
 /// A group's entry in `packet::PacketBrick::reliefs`.
 fn row(group: &Group, table: &TransferTable) -> [f32; 8] {
     let ([x, y, z], [p, q, r]) = (group.slope, group.uneven);
     let mut row = [x, y, z, p, q, r, group.high - group.low, 0.0].map(up);
-    row[STORED] = f32::from_bits(pack(group.most_stored(), table));
+    row[RELIEF_STORED] = f32::from_bits(pack(group.most_stored(), table));
     row
 }
 
@@ -303,7 +291,7 @@ fn cell_row(group: &Group, table: &TransferTable) -> [f32; 8] {
     let [emission, extinction] = relative(group.elsewhere(), table);
     let mut row = [0.0; 8];
     (row[0], row[1]) = (up(emission.min(MOST_STORED)), up(extinction.min(MOST_STORED)));
-    row[STORED] = f32::from_bits(pack(group.most_stored(), table));
+    row[RELIEF_STORED] = f32::from_bits(pack(group.most_stored(), table));
     row
 }
 

@@ -14,6 +14,7 @@ use crate::render::transfer::storage::Storage;
 
 /// Dual cells (with `cell`: cells) along a group's edge.
 pub(crate) const GROUP_EDGE: usize = 4;
+
 /// A cube of [`GROUP_EDGE`]³ dual cells. Ranges and slopes take in one dual cell more on every
 /// side, as far as the brick knows it.
 #[derive(Debug, Clone, Copy, Default)]

@@ -18,6 +18,7 @@ const SHORTEST_PART: f64 = 1e-6;
 const OVERSHOOT: f64 = 1e-6;
 /// Rounding of a root.
 const ROOT_ROUNDING: f64 = 16.0 * f64::EPSILON;
+
 /// What a stretch of ray says of its error but for how far its values may be off: sums over
 /// parts of ∫ T̃ ds (`lit`) times what the transfer function does there.
 #[derive(Debug, Clone, Copy, Default)]

@@ -7,7 +7,7 @@ use super::square::{Squares, share_near};
 use super::walk::Walk;
 use super::{Packet, PacketBrick, add_off, unpacked};
 use crate::lanes::Lanes;
-use crate::render::bounds::grade::STORED;
+use crate::render::bounds::grade::RELIEF_STORED;
 
 /// The squares of a packet's rays, and what their rays see differently.
 pub(super) struct Beside<L: Lanes> {
@@ -56,7 +56,7 @@ impl<L: Lanes> Beside<L> {
         let [at_most, on_average] = [l.mul(seen, reached), l.mul(seen, mean)];
         self.farthest = add_off::<L, ABSORBS>(l, self.farthest, others, at_most, reached);
         self.uneven = add_off::<L, ABSORBS>(l, self.uneven, others, on_average, mean);
-        (unpacked(l, l.bits_of(row[STORED]), active), [on_average, mean])
+        (unpacked(l, l.bits_of(row[RELIEF_STORED]), active), [on_average, mean])
     }
 
     /// The shares of the way within reach of each of the cell's six faces, summed.

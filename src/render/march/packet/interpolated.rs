@@ -10,7 +10,7 @@ use super::sums::Sums;
 use super::walk::Walk;
 use super::{Packet, PacketBrick, add_off, go_on, unpacked};
 use crate::lanes::Lanes;
-use crate::render::bounds::grade::UNFIT;
+use crate::render::bounds::grade::{LEVELS, LEVELS_NEAR, RATE, UNFIT};
 use crate::render::brick::scaled::dual;
 
 /// Marches rays on until each has left the brick or faded, or has come to a cell that is not fit:
@@ -86,7 +86,7 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
         let Self { l, brick, .. } = *self;
         let group = self.walk.group(brick.groups);
         let row = l.gather_row(brick.rows, group);
-        let mut unfit = l.is_index(l.bits_of(row[4]), UNFIT);
+        let mut unfit = l.is_index(l.bits_of(row[RATE]), UNFIT);
         let duals = self.walk.index(l.splat((brick.side - 1) as f32));
         if !brick.kinds.is_empty() {
             let kind = l.gather_bytes(brick.kinds, duals);
@@ -109,7 +109,7 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
         self.walk.locate();
         let exit = self.walk.exit(self.walk.planes());
         let way = l.select(active, exit.way, l.splat(0.0));
-        let [emission_off, extinction_off] = unpacked(l, l.bits_of(place.row[4]), active);
+        let [emission_off, extinction_off] = unpacked(l, l.bits_of(place.row[RATE]), active);
         let stretch = Stretch {
             cube: &cube,
             bend: cube.bend(l, &self.skew, self.walk.place, way),
@@ -207,7 +207,7 @@ impl<'m, L: Lanes> PacketMarch<'m, L> {
     ) {
         let Self { l, brick, active, .. } = *self;
         if !brick.levels.is_empty() {
-            let levels = l.bits_of(place.row[if brick.are_proxies { 6 } else { 5 }]);
+            let levels = l.bits_of(place.row[if brick.are_proxies { LEVELS_NEAR } else { LEVELS }]);
             let mut rates = unpacked(l, levels, active);
             if !brick.reliefs.is_empty() && !brick.are_proxies {
                 rates = self.squares.levels(l, brick, rates, active);

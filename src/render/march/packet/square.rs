@@ -10,7 +10,7 @@ use super::sums::Passed;
 use super::walk::Walk;
 use super::{Packet, SLACK, unpacked};
 use crate::lanes::Lanes;
-use crate::render::bounds::grade::STORED;
+use crate::render::bounds::grade::{RELIEF_RANGE, RELIEF_STORED};
 
 /// The squares of a packet's rays in a brick.
 #[derive(Clone, Copy)]
@@ -98,7 +98,7 @@ impl<L: Lanes> Squares<L> {
         let (zero, one, half) = (l.splat(0.0), l.splat(1.0), l.splat(0.5));
         let row = self.relief(l, brick, group);
         let (slope, uneven) = ([row[0], row[1], row[2]], [row[3], row[4], row[5]]);
-        let (range, stored) = (row[6], l.bits_of(row[STORED]));
+        let (range, stored) = (row[RELIEF_RANGE], l.bits_of(row[RELIEF_STORED]));
         let spread = self.spread;
         let over =
             l.fma(slope[0], spread[0], l.fma(slope[1], spread[1], l.mul(slope[2], spread[2])));
