@@ -390,7 +390,8 @@ fn at(sorted: &[f64], part: f64) -> Option<f64> {
 fn areas_of_wide_cells_are_certified() -> twin::Result<()> {
     let subject = Subject::synthetic("small")?;
     let text = "[image]\nwidth = 12\nheight = 9\n[camera]\nposition = [0.5, 0.5, -2.0]\n\
-        look_at = [0.5, 0.5, 0.5]\nprojection = \"orthographic\"\nheight = 0.006\n[render]\n\
+        look_at = [0.5, 0.5, 0.5]\nup = [0.0, 1.0, 0.0]\nprojection = \"orthographic\"\n\
+        height = 0.006\n[render]\n\
         tolerance = \"1%\"\nsamples = \"area\"\n[[volume]]\nfield = \"Density\"\n\
         range = [1e-2, 1e4]\nscale = \"log10\"\ncolor = [[0.0, 0.1, 0.2, 0.3], [1.0, 1.0, 0.8, 0.5]]\n\
         absorption = [[0.0, 0.0], [1.0, 1.0]]\n";
