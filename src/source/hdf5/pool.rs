@@ -12,7 +12,7 @@ const MOST_OPEN: usize = 64;
 const MOST_CACHED: usize = 32 << 20;
 /// Files are opened afresh after this many uses, because the library remembers every object it
 /// has met (about 2 kB each) for as long as the file is open.
-const MOST_USES: u32 = 1024;
+const MOST_USES: u32 = 4096;
 
 /// Open files, the longest unused closed first.
 #[derive(Default)]
