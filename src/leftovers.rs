@@ -85,13 +85,13 @@ impl ScratchFolder {
 /// that are near.
 const ENDING: [i32; 7] = [SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGXCPU];
 
-/// From now on signals that ask the process to end first remove what is noted, and a file that
-/// grows beyond the system's limit (`ulimit -f`) is an error of writing, not the process' end.
+/// From now on signals that ask the process to end first remove what is noted and run `last`, and a
+/// file that grows beyond the system's limit (`ulimit -f`) is an error of writing, not the process' end.
 /// Signals that the process was started to ignore stay ignored, as `nohup` relies on.
 ///
 /// # Errors
 /// The system's.
-pub(crate) fn clear_on_signals() -> io::Result<()> {
+pub(crate) fn clear_on_signals(last: impl Fn() + Send + 'static) -> io::Result<()> {
     let ignored = ignored_signals()?;
     let is_heard = |signal: &i32| (ignored >> (signal - 1)) & 1 == 0;
     if is_heard(&SIGXFSZ) {
@@ -104,6 +104,7 @@ pub(crate) fn clear_on_signals() -> io::Result<()> {
             // Kept locked: nothing new may begin.
             let noted = noted();
             noted.iter().for_each(|path| remove(path));
+            last();
             let _ = emulate_default_handler(signal);
         }
     };

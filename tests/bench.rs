@@ -253,6 +253,36 @@ fn grids_are_compared_where_the_memory_has_room_from_two_cameras() {
 }
 
 #[test]
+fn the_cameras_of_covering_grids_show_something() {
+    let folder = TempDir::new().unwrap();
+    for name in ["small", "deep25"] {
+        let dump = synth(name, folder.path()).unwrap();
+        let cache = ingest(&dump, folder.path(), name, &IngestOptions::default()).unwrap();
+        let made = folder.path().join(format!("made-{name}"));
+        let words: [&dyn AsRef<OsStr>; 7] =
+            [&"covering-grid", &cache, &"--level=0", &"--repeat=1", &"--size=96x54", &"-o", &made];
+        bench(&words).done();
+        for (view, least) in [("inside", 0.02), ("outside", 0.02)] {
+            let picture = folder.path().join("picture.exr");
+            let scene = made.join(format!("{view}.toml"));
+            run(&[&"render", &cache, &scene, &"-o", &picture, &"--size=96x54"]).done();
+            let (_, _, pixels) = support::read_exr(&picture).unwrap();
+            let light = pixels.iter().map(|[r, g, b, _]| f64::from(r + g + b)).collect::<Vec<_>>();
+            let most = light.iter().copied().fold(0.0, f64::max);
+            let deviation = deviation(&light);
+            assert!(deviation > least * most && most > 0.1, "{name} {view}: {deviation} of {most}");
+        }
+    }
+}
+
+/// The standard deviation.
+fn deviation(values: &[f64]) -> f64 {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count).sqrt()
+}
+
+#[test]
 fn covering_grids_that_cannot_be_compared_are_refused() {
     let (folder, cache, scene) = cache_and_scene("1");
     let ranged = with_range(folder.path(), &scene, "");

@@ -1,6 +1,7 @@
 //! Opening a cache and reading its bricks.
 
 use std::fs::File;
+use std::io::Read;
 #[cfg(target_os = "linux")]
 use std::num::NonZeroU64;
 use std::os::unix::fs::FileExt;
@@ -37,6 +38,10 @@ impl Cache {
     /// A file that is no cache, is of another version, truncated or damaged.
     pub fn open(path: &Path, index_windows: usize) -> Result<Self> {
         let failed = |source| Error::io(path, "cannot read the cache", source);
+        if path.is_dir() {
+            let reason = "is a folder, not a deepfield cache: make one with `deepfield ingest`";
+            return Err(Error::invalid(path.display(), reason));
+        }
         let file = regular_file::open(path).map_err(failed)?;
         let length = file.metadata().map_err(failed)?.len();
         let (header, header_bytes) = read_header(&file, path, length)?;
@@ -61,6 +66,15 @@ impl Cache {
         let mut magic = [0; MAGIC.len()];
         regular_file::open(path)
             .is_ok_and(|file| file.read_exact_at(&mut magic, 0).is_ok() && magic == MAGIC)
+    }
+
+    /// Whether the file at `path` begins as a cache does, as far as it goes: it may be what is left of
+    /// one.
+    pub fn may_be_one(path: &Path) -> bool {
+        let mut begin = Vec::new();
+        let read = regular_file::open(path)
+            .and_then(|file| file.take(MAGIC.len() as u64).read_to_end(&mut begin));
+        read.is_ok() && MAGIC.starts_with(&begin)
     }
 
     /// The file.
@@ -189,7 +203,7 @@ fn read_header(file: &File, path: &Path, length: u64) -> Result<(Header, u64)> {
     let refuse = |reason: &str| Error::invalid(path.display(), reason);
     let mut prefix = [0; PREFIX_BYTES];
     if length < PREFIX_BYTES as u64 {
-        return Err(refuse("not a deepfield cache: it is too short"));
+        return Err(refuse(TOO_SHORT));
     }
     file.read_exact_at(&mut prefix, 0).map_err(failed)?;
     if prefix[..MAGIC.len()] != MAGIC {
@@ -199,7 +213,7 @@ fn read_header(file: &File, path: &Path, length: u64) -> Result<(Header, u64)> {
     let (Some(version), Some(header_bytes), Some(expected)) =
         (bytes.u32(), bytes.u32(), bytes.u64())
     else {
-        return Err(refuse("not a deepfield cache: it is too short"));
+        return Err(refuse(TOO_SHORT));
     };
     if version != VERSION {
         return Err(Error::not_supported(
@@ -224,6 +238,8 @@ fn read_header(file: &File, path: &Path, length: u64) -> Result<(Header, u64)> {
     }
     Ok((header, u64::from(header_bytes)))
 }
+
+const TOO_SHORT: &str = "not a deepfield cache: it is too short: make one with `deepfield ingest`";
 
 /// Bytes of the table of page checksums that are read at a time: whole entries.
 const TABLE_PIECE: usize = 64 << 10;

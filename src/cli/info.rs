@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::output::Output;
+use super::output::{Output, warn};
 use super::{ingest, progress::Bar, size};
-use crate::cache::{Cache, CachedField, Header, TreeLevel};
+use crate::cache::{Cache, CachedField, Cursor, Header, LeafCell, TreeLevel, largest_leaf};
 use crate::ingest::{Options, Progress};
 use crate::source::{self, Source};
 use crate::{Error, Result};
@@ -26,12 +26,12 @@ pub(super) struct Arguments {
     #[arg(long)]
     headers: bool,
     /// Memory that reading a simulation output may take, as in `256MiB`
-    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse)]
+    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse, allow_hyphen_values = true)]
     memory: u64,
 }
 
-/// Windows of a cache's index that are mapped: none is read.
-const WINDOWS: usize = 1;
+/// Digits of a position beyond those of a cell's width.
+const MORE_DIGITS: usize = 2;
 
 /// Runs the command.
 ///
@@ -39,8 +39,10 @@ const WINDOWS: usize = 1;
 /// An input that cannot be read, and standard output that cannot be written.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let facts = if Cache::is_cache(&arguments.input) {
-        let cache = Cache::open(&arguments.input, WINDOWS)?;
-        facts(cache.header(), &arguments.input, &json!("cache"))
+        let cache = Cache::open(&arguments.input, Cursor::WINDOWS)?;
+        let mut facts = facts(cache.header(), &arguments.input, &json!("cache"));
+        add_maxima(&cache, &mut facts);
+        facts
     } else {
         let source = source::open(&arguments.input, arguments.format.as_deref())?;
         if arguments.headers {
@@ -106,6 +108,35 @@ fn facts(header: &Header, path: &Path, kind: &Value) -> Value {
         facts.insert("checksum".into(), json!(format!("{:016x}", header.checksum)));
     }
     facts
+}
+
+/// Adds to the facts of each field where it is largest. Of damaged caches all else is told.
+fn add_maxima(cache: &Cache, facts: &mut Value) {
+    let fields = facts["fields"].as_array_mut().into_iter().flatten();
+    for (number, (field, described)) in fields.zip(&cache.header().fields).enumerate() {
+        let found = largest_leaf(cache, number, 0)
+            .and_then(|cell| cell.map(|cell| maximum(cache, &cell)).transpose());
+        field["max_at"] = found
+            .unwrap_or_else(|error| {
+                warn(format!("{}: it is not told where it is largest: {error}", described.name));
+                None
+            })
+            .unwrap_or(Value::Null);
+    }
+}
+
+/// Where a cell lies: its centre, in digits enough to tell it from its neighbours, and its level.
+fn maximum(cache: &Cache, cell: &LeafCell) -> Result<Value> {
+    let header = cache.header();
+    let domain = &header.domain;
+    let mut position = domain.decimals(&cell.centre(cache))?;
+    for (text, width) in position.iter_mut().zip(domain.cell_width(cell.octree).to_array()) {
+        let digits = (-width.log10()).ceil().max(0.0) as usize + MORE_DIGITS;
+        let point = text.find('.').unwrap_or(text.len());
+        text.truncate((point + 1 + digits).min(text.len()));
+    }
+    let level = header.levels.get(cell.tree_level).and_then(|level| level.simulation);
+    Ok(json!({ "position": position, "level": level }))
 }
 
 fn factors(header: &Header) -> Vec<u32> {
@@ -218,6 +249,11 @@ fn print_field(field: &Value, output: &mut Output) -> Result<()> {
         number("sum"),
         number("sum_as_stored"),
     ))?;
+    if let Some([x, y, z]) = field["max_at"]["position"].as_array().map(Vec::as_slice) {
+        let position = [x, y, z].map(|x| x.as_str().unwrap_or("?")).join(",");
+        let level = &field["max_at"]["level"];
+        output.line(format!("  max {} at {position} (level {level})", number("max")))?;
+    }
     if field["dropped_cells"].as_u64().is_some_and(|cells| cells > 0) {
         output.line(format!(
             "  dropped: {} leaf cells, volume {}, sum value·volume {}",

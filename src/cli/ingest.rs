@@ -34,16 +34,16 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NAME=EXPRESSION")]
     derive: Vec<String>,
     /// Memory limit
-    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse)]
+    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse, allow_hyphen_values = true)]
     memory: u64,
     /// Threads (default: all cores)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024), allow_negative_numbers = true)]
     threads: Option<u32>,
     /// The input's format: enzo, amrex, athena++, flash or athena (default: told by its content)
     #[arg(long, value_name = "NAME")]
     format: Option<String>,
     /// Leave out levels deeper than this
-    #[arg(long, value_name = "L")]
+    #[arg(long, value_name = "L", allow_negative_numbers = true)]
     max_level: Option<u32>,
     /// Store values with a relative error of at most this (0: lossless)
     #[arg(long, value_name = "E", default_value_t = 0.0, value_parser = values::relative_error, allow_negative_numbers = true)]

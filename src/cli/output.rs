@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::io::{BufWriter, ErrorKind, Stdout, Write};
 use std::path::Path;
 
+use super::progress::without_bar;
 use crate::{Error, Result};
 
 /// What errors call it.
@@ -38,9 +39,9 @@ impl Output {
     }
 }
 
-/// Prints a line that begins with "warning: " to standard error.
+/// Prints a line that begins with "warning: " to standard error, where no bar is in its way.
 pub(super) fn warn(line: impl AsRef<str>) {
-    eprintln!("warning: {}", harmless(line.as_ref()));
+    without_bar(|| eprintln!("warning: {}", harmless(line.as_ref())));
 }
 
 /// `line` without control characters.

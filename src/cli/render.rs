@@ -14,7 +14,7 @@ use crate::atomic_file::AtomicFile;
 use crate::cache::{Cache, Cursor};
 use crate::image::{Format, write_exr, write_png};
 use crate::render::{FixedSetting, RenderOptions, Rendered, render};
-use crate::scene::{MAX_SAMPLES_PER_AXIS, Samples, Scene, Tolerance};
+use crate::scene::{ImageSettings, MAX_SAMPLES_PER_AXIS, Samples, Scene, Tolerance};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -26,21 +26,24 @@ pub(super) struct Arguments {
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Memory limit of the whole process
-    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse)]
+    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse, allow_hyphen_values = true)]
     memory: u64,
     /// Threads (default: all cores, or as many as leave half of `--memory` to bricks)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024), allow_negative_numbers = true)]
     threads: Option<u32>,
     /// Largest error: a number, or `p%` of the picture's largest value (default: the scene's)
-    #[arg(long, value_name = "T", value_parser = Tolerance::parse, allow_negative_numbers = true, conflicts_with = "fixed")]
+    #[arg(long, value_name = "T", value_parser = Tolerance::parse, allow_hyphen_values = true, conflicts_with = "fixed")]
     tolerance: Option<Tolerance>,
     /// n for n×n rays a pixel, or `area` (default: the scene's)
     #[arg(long, value_name = "N|area", value_parser = Samples::parse, allow_negative_numbers = true, conflicts_with = "fixed")]
     samples: Option<Samples>,
+    /// Pixels in a row and rows, as in `320x180` (default: the scene's)
+    #[arg(long, value_name = "WxH", value_parser = ImageSettings::parse_size, allow_hyphen_values = true)]
+    size: Option<[u32; 2]>,
     /// For comparison, set by hand instead of by tolerance and without a bound of the error: the largest
     /// cells in pixels (0: all levels), rays along a pixel's edge, and the march's relative accuracy, as
     /// in `1,3,0.001`
-    #[arg(long, value_name = "PIXELS,RAYS,ACCURACY", value_parser = parse_fixed)]
+    #[arg(long, value_name = "PIXELS,RAYS,ACCURACY", value_parser = parse_fixed, allow_hyphen_values = true)]
     fixed: Option<FixedSetting>,
     /// Load all bricks of the field before drawing, as renderers do that hold everything in memory:
     /// for comparison
@@ -68,10 +71,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let settings = &mut scene.render;
     settings.tolerance = arguments.tolerance.unwrap_or(settings.tolerance);
     settings.samples = arguments.samples.unwrap_or(settings.samples);
+    let ImageSettings { width, height, .. } = scene.image;
+    [scene.image.width, scene.image.height] = arguments.size.unwrap_or([width, height]);
     let cache = Cache::open(&arguments.cache, Cursor::WINDOWS)?;
     fields::check(&scene.volume.field, &cache)?;
     let opening = started.elapsed().as_secs_f64();
     warnings::of_nan(&cache, &scene);
+    warnings::of_log10(&cache, &scene);
     let bar = Bar::new("render", "tiles");
     let progress = |done, total| bar.show("render", done, total);
     let options = RenderOptions {
@@ -82,6 +88,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         resident: arguments.resident,
     };
     let mut rendered = render(&cache, &scene, &options)?;
+    drop(bar);
     rendered.stats.set_opening(opening);
     warnings::of_bound(&rendered, &cache, &scene);
     warnings::of_nothing(&rendered, &scene, &cache);
@@ -105,7 +112,7 @@ fn parse_fixed(text: &str) -> Result<FixedSetting, String> {
 }
 
 /// What options say in place of the scene's `[render]` table, line by line as it would stand there, were
-/// `fixed` and `resident` keys of it.
+/// `fixed`, `resident` and `size` keys of it.
 fn overrides(arguments: &Arguments) -> String {
     let samples = arguments.samples.map(|samples| match samples {
         Samples::Grid(rays) => format!("samples = {rays}\n"),
@@ -120,7 +127,8 @@ fn overrides(arguments: &Arguments) -> String {
         format!("fixed = \"{pixels_per_cell:?},{rays_per_axis},{relative_accuracy:?}\"\n")
     });
     let resident = arguments.resident.then(|| "resident = true\n".to_owned());
-    [samples, tolerance, fixed, resident].into_iter().flatten().collect()
+    let size = arguments.size.map(|[width, height]| format!("size = \"{width}x{height}\"\n"));
+    [samples, tolerance, fixed, resident, size].into_iter().flatten().collect()
 }
 
 fn write_picture(

@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::cache::BrickShape;
-use crate::scene::{Samples, Tolerance};
+use crate::scene::{ImageSettings, Samples, Tolerance};
 use crate::space::Decimal;
 
 /// A tolerance as text, for options that are handed on to another process.
@@ -13,6 +13,11 @@ pub(super) fn tolerance_text(text: &str) -> Result<String> {
 /// Rays a pixel as text, for options that are handed on to another process.
 pub(super) fn samples_text(text: &str) -> Result<String> {
     Samples::parse(text).map(|_| text.to_owned())
+}
+
+/// A picture's size as text, for options that are handed on to another process.
+pub(super) fn size_text(text: &str) -> Result<String> {
+    ImageSettings::parse_size(text).map(|_| text.to_owned())
 }
 
 /// A relative error of stored values: from 0 up to, but not, 1.
@@ -37,10 +42,14 @@ pub(super) fn corner(text: &str) -> Result<[Decimal; 3], String> {
         .map_err(|_| "a corner is three numbers, x,y,z".to_owned())
 }
 
-/// A part of something: above 0 and at most 1.
+/// A part of something: above 0 and at most 1, or as many per cent.
 pub(super) fn part(text: &str) -> Result<f64, String> {
-    number(text, |part| part > 0.0 && part <= 1.0)
-        .ok_or_else(|| "a part is a number above 0 and at most 1".to_owned())
+    let is_part = |part: f64| part > 0.0 && part <= 1.0;
+    let part = match text.trim().strip_suffix('%') {
+        Some(percent) => number(percent, |percent| is_part(percent / 100.0)).map(|p| p / 100.0),
+        None => number(text, is_part),
+    };
+    part.ok_or_else(|| "a part is a number above 0 and at most 1, or as many per cent".to_owned())
 }
 
 /// A number above 0.
@@ -72,8 +81,10 @@ mod tests {
         assert!(["12", "0", "-8", "16.0"].into_iter().all(|text| brick(text).is_err()));
         assert!(corner("0.1, -2,3e-4").is_ok());
         assert!(["1,2", "1,2,3,4", "1,2,z", ""].into_iter().all(|text| corner(text).is_err()));
-        assert_eq!(part(" 1"), Ok(1.0));
-        assert!(["0", "1.5", "inf", "1%"].into_iter().all(|text| part(text).is_err()));
+        assert_eq!((part(" 1"), part("1 %"), part("100%")), (Ok(1.0), Ok(0.01), Ok(1.0)));
+        assert!(
+            ["0", "1.5", "inf", "101%", "-1%", "%"].into_iter().all(|text| part(text).is_err())
+        );
         assert_eq!(positive("2.5"), Ok(2.5));
         assert!(["0", "-1", "inf", "NaN"].into_iter().all(|text| positive(text).is_err()));
         assert_eq!(no_nan("-inf"), Ok(f64::NEG_INFINITY));

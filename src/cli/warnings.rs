@@ -4,7 +4,7 @@ use super::output::warn;
 use crate::cache::{Cache, CachedField};
 use crate::render::stats::Stats;
 use crate::render::{EXACT, Rendered};
-use crate::scene::Scene;
+use crate::scene::{Scale, Scene, Tolerance, Units};
 
 /// What values are off by, relative, that are stored as f32.
 const AS_F32: f64 = 1e-6;
@@ -19,17 +19,29 @@ pub(super) fn of_bound(Rendered { stats, film, .. }: &Rendered, cache: &Cache, s
     if let Some(bound) = stats.error_bound
         && bound > tolerance.max(NOTHING)
     {
-        warn(beyond(stats, is_lossy, bound, tolerance));
+        let shown = format!("{tolerance:.2e}{}", as_part(scene.render.tolerance));
+        warn(beyond(stats, is_lossy, bound, (tolerance, &shown)));
     }
 }
 
-/// That a bound is beyond the tolerance, and what may be done about it.
-fn beyond(stats: &Stats, is_lossy: bool, bound: f64, tolerance: f64) -> String {
+/// A tolerance as it was asked for, if that is a part of the picture's largest value: ` (0.1%)`.
+fn as_part(tolerance: Tolerance) -> String {
+    match tolerance {
+        // As many digits as were written: times 100 it may have more.
+        Tolerance::Relative(part) => format!("{:.6e}", 100.0 * part)
+            .parse()
+            .map_or_else(|_| String::new(), |percent: f64| format!(" ({percent}%)")),
+        Tolerance::Absolute(_) => String::new(),
+    }
+}
+
+/// That a bound is beyond the tolerance, which is shown as given, and what may be done about it.
+fn beyond(stats: &Stats, is_lossy: bool, bound: f64, (tolerance, shown): (f64, &str)) -> String {
     let advice = other_advice(stats, is_lossy);
     // Of single rays nothing more is known than their bound.
     match stats.error_estimate.filter(|likely| *likely < bound) {
         Some(likely) if likely <= tolerance => format!(
-            "not certified: pixels are within the tolerance of {tolerance:.2e} in all likelihood (off by \
+            "not certified: pixels are within the tolerance of {shown} in all likelihood (off by \
              up to {likely:.2e}), but what is certain is {bound:.2e}: for a certificate ask for a larger \
              --tolerance{advice}"
         ),
@@ -38,7 +50,7 @@ fn beyond(stats: &Stats, is_lossy: bool, bound: f64, tolerance: f64) -> String {
                 .map_or_else(String::new, |likely| format!(" (by {likely:.2e} in all likelihood)"));
             format!(
                 "pixels may be off by {bound:.2e}, more than the tolerance of \
-                 {tolerance:.2e}{likely}: ask for a larger --tolerance{advice}"
+                 {shown}{likely}: ask for a larger --tolerance{advice}"
             )
         }
     }
@@ -69,14 +81,31 @@ pub(super) fn of_nan(cache: &Cache, scene: &Scene) {
     }
 }
 
-/// Says so where nothing is seen, and what may be the reason.
-pub(super) fn of_nothing(rendered: &Rendered, scene: &Scene, cache: &Cache) {
-    if let (true, Some(field)) = (rendered.film.largest_value() == 0.0, field(cache, scene)) {
-        warn(nothing_seen(&rendered.stats, field));
+/// Says so where the scale shows values as others.
+pub(super) fn of_log10(cache: &Cache, scene: &Scene) {
+    let Some(field) = field(cache, scene).filter(|field| field.min <= 0.0) else { return };
+    if scene.volume.scale == Scale::Log10 && field.min <= field.max {
+        let shown = match field.smallest_positive {
+            Some(_) => "has values <= 0, which log10 shows as its smallest positive value",
+            None => "has no value above 0, and log10 shows none of it",
+        };
+        warn(format!(
+            "{} {shown}: use scale = \"symlog\" with linthresh, or scale = \"linear\"",
+            field.name
+        ));
     }
 }
 
-fn nothing_seen(stats: &Stats, CachedField { name, min, max, .. }: &CachedField) -> String {
+/// Says so where nothing is seen, and what may be the reason.
+pub(super) fn of_nothing(rendered: &Rendered, scene: &Scene, cache: &Cache) {
+    if let (true, Some(field)) = (rendered.film.largest_value() == 0.0, field(cache, scene)) {
+        warn(nothing_seen(&rendered.stats, field, scene.volume.units));
+    }
+}
+
+fn nothing_seen(stats: &Stats, field: &CachedField, units: Units) -> String {
+    let CachedField { name, min, max, .. } = field;
+    let extrema = extrema(field, units);
     let reason = if stats.bricks_in_view == 0 {
         "no data is in view: see `position`, `look_at` and the domain, which `deepfield info` tells"
             .to_owned()
@@ -84,14 +113,23 @@ fn nothing_seen(stats: &Stats, CachedField { name, min, max, .. }: &CachedField)
         format!("no leaf cell has a value of {name}")
     } else if stats.bricks_skipped_transparent < stats.bricks_in_view {
         format!(
-            "no ray met anything that shines or absorbs, which may lie between rays (see `samples`). {name} goes from {min:.3e} to {max:.3e} (code units): see `range`, `absorption` and `emission`"
+            "no ray met anything that shines or absorbs, which may lie between rays (see `samples`). {extrema}: see `range`, `absorption` and `emission`"
         )
     } else {
         format!(
-            "nothing in view shines or absorbs. {name} goes from {min:.3e} to {max:.3e} (code units): see `range`, `absorption` and `emission`"
+            "nothing in view shines or absorbs. {extrema}: see `range`, `absorption` and `emission`"
         )
     };
     format!("the picture is empty: {reason}")
+}
+
+/// From where to where a field goes, in the units in which the scene gives its `range`.
+fn extrema(CachedField { name, min, max, to_cgs, units, .. }: &CachedField, of: Units) -> String {
+    let (factor, unit) = match of {
+        Units::Code => (1.0, "code units"),
+        Units::Cgs => (to_cgs.unwrap_or(1.0), units.as_deref().unwrap_or("cgs")),
+    };
+    format!("{name} goes from {:.3e} to {:.3e} ({unit})", min * factor, max * factor)
 }
 
 fn field<'c>(cache: &'c Cache, scene: &Scene) -> Option<&'c CachedField> {

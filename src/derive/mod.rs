@@ -1,7 +1,8 @@
 //! Derived fields: expressions over an output's fields, computed cell by cell from the source's
 //! own values, before anything is averaged or rounded.
 //!
-//! [`Derived`] is a source with more fields than the one it reads; ingest cannot tell them apart.
+//! [`Derived`] is a source with more fields than the one it reads; ingest tells them apart in its advice
+//! alone.
 
 mod cells;
 mod dimensions;
@@ -184,6 +185,10 @@ impl Source for Derived<'_> {
 
     fn data_files(&self) -> Result<Vec<PathBuf>> {
         self.source.data_files()
+    }
+
+    fn is_computed(&self, field: usize) -> bool {
+        field >= self.source.hierarchy().fields.len()
     }
 
     fn read(

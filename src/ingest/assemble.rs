@@ -267,12 +267,12 @@ impl Assembler<'_> {
         );
         let what = if value.is_finite() { "beyond ±1e300" } else { "infinite" };
         let name = self.cells.field_name(field).escape_debug().to_string();
+        let advice = self.cells.advice(field, |values| format!("max(-1e30, min({values}, 1e30))"));
         Ok(Error::invalid(
             &self.place,
             format!(
-                "field `{name}`: the value in cell {cell:?} of {whose} is {what}: limit \
-                 such values, as in --derive 'limited = max(-1e30, min({{{name}}}, 1e30))' --field \
-                 limited, or what a derived field divides by or takes the logarithm of"
+                "field `{name}`: the value in cell {cell:?} of {whose} is {what}, and such values \
+                 cannot be stored: {advice}"
             ),
         ))
     }

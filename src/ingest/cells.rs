@@ -1,5 +1,6 @@
 //! Source cells through a bounded cache.
 
+use super::advice;
 use super::load_cache::LoadCache;
 use super::overlaps::GridTable;
 use crate::source::{GridBlock, GridRecord, Source};
@@ -42,6 +43,11 @@ impl<'s> SourceCells<'s> {
     /// The name of a field, by its number among those that are read.
     pub(super) fn field_name(&self, field: usize) -> &str {
         &self.source.hierarchy().fields[self.fields[field]].name
+    }
+
+    /// How to bring values of a field between bounds, by its number among those that are read.
+    pub(super) fn advice(&self, field: usize, bounded: fn(&str) -> String) -> String {
+        advice::to_limit(self.source, self.fields[field], bounded)
     }
 
     /// Reads `fields` (indices into the source's) of `grids`, keeping `memory` bytes of them.

@@ -6,6 +6,7 @@
 //!
 //! Between passes everything lies in nameless temporary files beside the target.
 
+mod advice;
 mod assemble;
 mod build;
 mod cells;
@@ -46,6 +47,7 @@ use overlaps::{CUBE_EDGE, Layout};
 pub use plan::DEFAULT_MEMORY;
 use plan::{Plan, Shares};
 pub use progress::{Progress, Stage};
+use target::refuse_other_files;
 pub use target::refuse_source_files;
 
 /// What to ingest, and how.
@@ -96,6 +98,7 @@ pub fn ingest(
     progress: &mut Progress<'_>,
 ) -> Result<Header> {
     refuse_source_files(source, target)?;
+    refuse_other_files(target)?;
     if options.fields.len() > MAX_FIELDS {
         return Err(Error::request(format!(
             "{} fields are more than the {MAX_FIELDS} that a cache holds: choose fewer with --field",
@@ -197,24 +200,29 @@ fn survey_in(
     })?;
     let header = header(source, &fields, shape, &layout, &built);
     if keep_cells {
-        check_spans(source, &header, &built.tallies)?;
+        check_spans(source, &fields, &header, &built.tallies)?;
     }
     Ok(Survey { built, header, shares })
 }
 
 /// Values beyond f32's largest are stored as parts of the field's largest: small ones, which f32 itself
 /// would hold, must not be lost by that.
-fn check_spans(source: &dyn Source, header: &Header, tallies: &[tally::Tally]) -> Result<()> {
-    for (field, tally) in header.fields.iter().zip(tallies) {
+fn check_spans(
+    source: &dyn Source,
+    fields: &[usize],
+    header: &Header,
+    tallies: &[tally::Tally],
+) -> Result<()> {
+    for ((field, tally), number) in header.fields.iter().zip(tallies).zip(fields) {
         if field.exponent > 0 && tally.smallest_magnitude < field.least_exact() {
             return Err(Error::not_supported(
                 source.path().display(),
                 format!(
                     "field `{name}`: magnitudes from {:.1e} to {:.1e} are more than 32-bit floats hold \
-                     side by side: if the largest only mark cells, limit them, as in --derive \
-                     'limited = min({{{name}}}, 1e30)' --field limited",
+                     side by side: if the largest only mark cells, {}",
                     tally.smallest_magnitude,
                     field.min.abs().max(field.max.abs()),
+                    advice::to_limit(source, *number, |values| format!("min({values}, 1e30)")),
                     name = field.name.escape_debug(),
                 ),
             ));
@@ -282,9 +290,10 @@ fn choose_fields(source: &dyn Source, names: &[String]) -> Result<Vec<usize>> {
         let field = position(name, hierarchy.fields.iter().map(|f| f.name.as_str()));
         let field = field.ok_or_else(|| {
             Error::request(format!(
-                "{}: no field `{}`: there are {}",
+                "{}: no field `{}`{}: there are {}",
                 source.path().display(),
                 name.escape_debug(),
+                if name.contains(',') { " (for several repeat --field)" } else { "" },
                 known(name)
             ))
         })?;

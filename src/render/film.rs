@@ -30,8 +30,8 @@ impl Film {
         let refuse = || {
             let mebibytes = bytes.div_ceil(1 << 20);
             Error::request(format!(
-                "a picture of {width}×{height} needs {mebibytes} MiB, which the system does not \
-                 have; ask for a smaller `width` or `height`"
+                "a picture of {width}×{height} takes {mebibytes}MiB, 16 bytes a pixel, which the system \
+                 does not have; ask for a smaller `width` or `height`"
             ))
         };
         let count = usize::try_from(bytes / 16).map_err(|_| refuse())?;

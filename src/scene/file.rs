@@ -5,7 +5,7 @@ use std::path::Path;
 use toml::de::DeTable;
 
 use super::camera::{self, CameraSettings};
-use super::entry::{Entry, Table, Text};
+use super::entry::{Entry, Table, Text, shown};
 use super::render::{self, RenderSettings};
 use super::volume::{self, VolumeSettings};
 use crate::{Error, Result, text_file};
@@ -60,6 +60,27 @@ impl ImageSettings {
             }
         }
         Ok(settings)
+    }
+
+    /// Parses `WxH`: width and height, as a scene may give them.
+    ///
+    /// # Errors
+    /// Anything else.
+    pub fn parse_size(text: &str) -> Result<[u32; 2]> {
+        let sides: Vec<&str> = text.split(['x', 'X', '×']).map(str::trim).collect();
+        let [Ok(width), Ok(height)] =
+            sides.iter().map(|side| side.parse::<u64>()).collect::<Vec<_>>()[..]
+        else {
+            let reason = "a size is WIDTHxHEIGHT in pixels, as in 320x180, not";
+            return Err(Error::request(format!("{reason} `{}`", shown(text))));
+        };
+        let side = |name: &str, pixels: u64| {
+            let side = u32::try_from(pixels).ok();
+            side.filter(|side| (1..=MAX_PIXELS_PER_AXIS).contains(side)).ok_or_else(|| {
+                Error::request(format!("`{name}`: must be from 1 to {MAX_PIXELS_PER_AXIS}"))
+            })
+        };
+        Ok([side("width", width)?, side("height", height)?])
     }
 }
 

@@ -139,7 +139,10 @@ fn parse_scale(table: &Table<'_>) -> Result<Scale> {
 fn parse_range(entry: Entry<'_>, scale: Scale) -> Result<[f64; 2]> {
     let [low, high] = entry.numbers::<2>()?;
     if low >= high {
-        return Err(entry.error(format_args!("the first value, {low}, must be below the second")));
+        return Err(entry.error(format_args!(
+            "the first value, {low}, must be below the second; to reverse colours use a `colormap` \
+             whose name ends in _r"
+        )));
     }
     if scale == Scale::Log10 && low <= 0.0 {
         return Err(entry.error(format_args!(

@@ -5,8 +5,10 @@ use std::path::{Path, PathBuf};
 
 use crate::{Error, Result, regular_file};
 
-/// Files of a folder that are looked at for whether they may be read.
+/// Entries of a folder that are looked at for whether they may be read, or are outputs.
 const MOST_TRIED: usize = 1000;
+/// Outputs that a message names.
+const NAMED: usize = 3;
 
 /// The paths of all that lies in `folder`, in no order.
 ///
@@ -16,6 +18,39 @@ pub(super) fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
     let fault = |e| Error::io(folder, "cannot list the folder", e);
     let entries = std::fs::read_dir(folder).map_err(fault)?;
     entries.map(|entry| entry.map(|e| e.path()).map_err(fault)).collect()
+}
+
+/// The one output directly in `folder` that `is_output` recognises among its files; none where there
+/// is none.
+///
+/// # Errors
+/// A folder that cannot be listed, that holds several outputs, or too much to look at all of it.
+pub(super) fn only_output(
+    folder: &Path,
+    is_output: impl Fn(&Path) -> bool,
+) -> Result<Option<PathBuf>> {
+    let fault = |e| Error::io(folder, "cannot list the folder", e);
+    let listed = std::fs::read_dir(folder).map_err(fault)?.take(MOST_TRIED + 1);
+    let entries: Vec<PathBuf> =
+        listed.map(|entry| entry.map(|e| e.path()).map_err(fault)).collect::<Result<_>>()?;
+    let is_whole = entries.len() <= MOST_TRIED;
+    let mut found: Vec<PathBuf> = entries.into_iter().filter(|entry| is_output(entry)).collect();
+    found.sort();
+    let refuse = |reason: String| Err(Error::request(format!("{}: {reason}", folder.display())));
+    match found.as_slice() {
+        [_, _, ..] => refuse(format!("holds several outputs, {}: name one", some(&found))),
+        _ if !is_whole => {
+            refuse(format!("holds more than {MOST_TRIED} files: name the output itself"))
+        }
+        one => Ok(one.first().cloned()),
+    }
+}
+
+/// The names of some files.
+fn some(files: &[PathBuf]) -> String {
+    let name = |file: &PathBuf| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let names: Vec<String> = files.iter().take(NAMED).map(name).collect();
+    format!("{}{}", names.join(", "), if files.len() > NAMED { ", …" } else { "" })
 }
 
 /// Why the file or folder at `path` is of no known format, if that is that it may not be read.

@@ -116,6 +116,12 @@ pub trait Source: Send + Sync {
         Ok(vec![self.path().to_path_buf()])
     }
 
+    /// Whether field `field` (an index into [`Hierarchy::fields`]) is computed as the user said, not
+    /// read.
+    fn is_computed(&self, _field: usize) -> bool {
+        false
+    }
+
     /// Reads `block` of field `field` (an index into [`Hierarchy::fields`]) of `grid` into `out`
     /// (`block.len()` values, x fastest, then y, then z), widened to f64, as they are in the file
     /// (NaN included).
@@ -145,9 +151,18 @@ struct Format {
     mark: &'static str,
     /// Whether a file or folder is of the format, by its content.
     recognises: fn(&Path) -> bool,
+    /// Whether an output is one file, so that a folder may be named that holds one.
+    is_one_file: bool,
     /// Whether outputs hold values of cells that finer levels cover; else of leaf cells alone.
     has_covered_cells: bool,
     open: fn(&Path) -> Result<Box<dyn Source>>,
+}
+
+impl Format {
+    /// Whether the file is one whole output of the format, not another that only names it.
+    fn is_of(&self, file: &Path) -> bool {
+        self.is_one_file && hdf5::is_hdf5(file) && (self.recognises)(file)
+    }
 }
 
 /// Every format that can be read, in the order they are tried.
@@ -172,19 +187,46 @@ pub fn open(path: &Path, format: Option<&str>) -> Result<Box<dyn Source>> {
         let place = path.display();
         return Err(Error::request(format!("{place}: is neither a file nor a folder; name one")));
     }
-    let chosen = match format {
-        Some(name) => {
-            FORMATS.iter().find(|f| f.name.eq_ignore_ascii_case(name)).ok_or_else(|| {
-                Error::request(format!(
-                    "format `{}` is not known: there are {}",
-                    name.escape_debug(),
-                    nearest_first(name, FORMATS.iter().map(|f| f.name)).join(", ")
-                ))
-            })?
-        }
-        None => FORMATS.iter().find(|f| (f.recognises)(path)).ok_or_else(|| unknown(path))?,
+    let (chosen, path) = match format {
+        Some(name) => by_name(name, path)?,
+        None => by_content(path)?,
     };
-    (chosen.open)(path)
+    (chosen.open)(&path)
+}
+
+/// The format called `name`, and what its reader opens where `path` is named.
+fn by_name(name: &str, path: &Path) -> Result<(&'static Format, PathBuf)> {
+    let format = FORMATS.iter().find(|f| f.name.eq_ignore_ascii_case(name)).ok_or_else(|| {
+        Error::request(format!(
+            "format `{}` is not known: there are {}",
+            name.escape_debug(),
+            nearest_first(name, FORMATS.iter().map(|f| f.name)).join(", ")
+        ))
+    })?;
+    if !(format.is_one_file && path.is_dir()) {
+        return Ok((format, path.to_path_buf()));
+    }
+    let file = folder::only_output(path, |file| format.is_of(file))?.ok_or_else(|| {
+        let place = path.display();
+        Error::request(format!("{place}: is a folder without a file of {} in it", format.name))
+    })?;
+    Ok((format, file))
+}
+
+/// The format that is told by the content of `path`, and what its reader opens.
+fn by_content(path: &Path) -> Result<(&'static Format, PathBuf)> {
+    if let Some(format) = FORMATS.iter().find(|format| (format.recognises)(path)) {
+        return Ok((format, path.to_path_buf()));
+    }
+    let of_file = |file: &Path| FORMATS.iter().find(|format| format.is_of(file));
+    if path.is_dir()
+        && folder::denied(path).is_none()
+        && let Some(file) = folder::only_output(path, |file| of_file(file).is_some())?
+        && let Some(format) = of_file(&file)
+    {
+        return Ok((format, file));
+    }
+    Err(unknown(path))
 }
 
 fn unknown(path: &Path) -> Error {

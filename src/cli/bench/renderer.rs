@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Deserialize;
 
-use crate::cli::{itself, size};
+use crate::cli::{itself, size, values};
 use crate::leftovers::ScratchFolder;
 use crate::render::Film;
 use crate::{Error, Result};
@@ -16,15 +16,18 @@ use crate::{Error, Result};
 #[derive(Debug, Clone, Args)]
 pub(super) struct Limits {
     /// Memory limit of each render
-    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse)]
+    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse, allow_hyphen_values = true)]
     pub(super) memory: u64,
     /// Threads (default: all cores)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024), allow_negative_numbers = true)]
     pub(super) threads: Option<u32>,
+    /// Pixels in a row and rows, as in `320x180` (default: the scene's)
+    #[arg(long, value_name = "WxH", value_parser = values::size_text, allow_hyphen_values = true)]
+    pub(super) size: Option<String>,
     /// Renders of each picture; the best time counts
     #[arg(
         long, value_name = "N", default_value_t = 3,
-        value_parser = clap::value_parser!(u32).range(1..=1000)
+        value_parser = clap::value_parser!(u32).range(1..=1000), allow_negative_numbers = true
     )]
     pub(super) repeat: u32,
 }
@@ -90,6 +93,7 @@ impl Renderer {
         let folder = ScratchFolder::new()?;
         let mut words = vec!["--memory".to_owned(), limits.memory.to_string()];
         words.extend(limits.threads.map(|threads| format!("--threads={threads}")));
+        words.extend(limits.size.iter().map(|size| format!("--size={size}")));
         Ok(Self { folder, limits: words })
     }
 

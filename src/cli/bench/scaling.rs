@@ -24,7 +24,7 @@ pub(super) struct Arguments {
     /// `datasets_synthetic/scaling.toml`
     #[arg(
         long, value_name = "LIST", default_value = "0.5,0.7,1", conflicts_with = "inputs",
-        value_delimiter = ',', value_parser = values::positive
+        value_delimiter = ',', value_parser = values::positive, allow_hyphen_values = true
     )]
     scales: Vec<f64>,
     /// A scene, the same for all data (repeat for more; default: the recipe's own, or a camera
@@ -32,7 +32,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "SCENE")]
     scene: Vec<PathBuf>,
     /// Memory limit of each ingest
-    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse)]
+    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse, allow_hyphen_values = true)]
     ingest_memory: u64,
     /// Where data and caches are made and removed again (default: the system's folder of
     /// temporary files)

@@ -30,6 +30,7 @@ pub(super) struct Arguments {
         value_name = "LIST",
         value_delimiter = ',',
         value_parser = values::part,
+        allow_hyphen_values = true,
         default_value = "1e-1,3e-2,1e-2,3e-3,1e-3,3e-4,1e-4,3e-5,1e-5"
     )]
     tolerances: Vec<f64>,
@@ -45,7 +46,7 @@ pub(super) struct Arguments {
     fixed: bool,
     /// Time for the reference of a scene with samples = "area": its rays are doubled while they
     /// fit
-    #[arg(long, value_name = "S", default_value_t = 60)]
+    #[arg(long, value_name = "S", default_value_t = 60, allow_negative_numbers = true)]
     reference_seconds: u32,
     #[command(flatten)]
     limits: Limits,

@@ -29,6 +29,7 @@ pub(super) const FORMAT: Format = Format {
     name: "amrex",
     mark: "folder with Header",
     recognises: |path| header::looks_right(&header_file(path)),
+    is_one_file: false,
     has_covered_cells: true,
     open: |path| Ok(Box::new(Plotfile::open(path)?)),
 };

@@ -23,6 +23,7 @@ pub(super) const FORMAT: Format = Format {
     name: "athena",
     mark: ".vtk",
     recognises,
+    is_one_file: false,
     has_covered_cells: true,
     open: |path| Ok(Box::new(Output::open(path)?)),
 };

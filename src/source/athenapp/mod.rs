@@ -26,6 +26,7 @@ pub(super) const FORMAT: Format = Format {
     name: "athena++",
     mark: ".athdf",
     recognises,
+    is_one_file: true,
     has_covered_cells: false,
     open: |path| Ok(Box::new(AthenaPp::open(path)?)),
 };

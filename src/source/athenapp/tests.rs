@@ -38,6 +38,40 @@ fn what_an_output_says_of_itself() {
 }
 
 #[test]
+fn a_folder_stands_for_the_one_output_in_it() {
+    let output = MadeOutput::new();
+    let folder = output.folder.path();
+    let open = |format| crate::source::open(folder, format);
+    let error = |format| open(format).err().map_or_else(String::new, |e| e.to_string());
+    std::fs::write(folder.join("notes.txt"), "text").unwrap();
+    assert!(error(None).contains("of no known format"));
+    assert!(error(Some("athena++")).contains("is a folder without a file of athena++ in it"));
+    output.write();
+    let name = output.path().file_name().unwrap().to_str().unwrap().to_owned();
+    // Names the output, and is none.
+    let beside = format!("<Xdmf>{name}:/x1f</Xdmf>");
+    std::fs::write(output.path().with_extension("athdf.xdmf"), beside).unwrap();
+    for format in [None, Some("athena++")] {
+        let source = open(format).unwrap();
+        assert_eq!((source.format(), source.path()), ("athena++", output.path().as_path()));
+    }
+    assert!(error(Some("flash")).contains("without a file of flash"));
+    for number in 2..=5 {
+        let other = format!("run.out1.0000{number}.athdf");
+        std::fs::copy(output.path(), folder.join(other)).unwrap();
+    }
+    let three = [1, 2, 3].map(|n| format!("run.out1.0000{n}.athdf")).join(", ");
+    for format in [None, Some("athena++")] {
+        let said = error(format);
+        assert!(said.contains(&format!("holds several outputs, {three}, …: name one")), "{said}");
+    }
+    let deeper = tempfile::tempdir().unwrap();
+    std::fs::rename(folder, deeper.path().join("run")).unwrap();
+    let error = crate::source::open(deeper.path(), None).err().unwrap().to_string();
+    assert!(error.contains("of no known format"), "{error}");
+}
+
+#[test]
 fn variables_of_one_name_are_told_apart() {
     let mut output = MadeOutput::new();
     let names = ["press", "press", "Bcc1", "press"].map(str::to_owned).to_vec();

@@ -31,6 +31,7 @@ pub(super) const FORMAT: Format = Format {
     name: "enzo",
     mark: "NAME beside NAME.hierarchy",
     recognises,
+    is_one_file: false,
     has_covered_cells: true,
     open: |path| Ok(Box::new(Enzo::open(path)?)),
 };

@@ -26,6 +26,7 @@ pub(super) const FORMAT: Format = Format {
     name: "flash",
     mark: "HDF5 with `node type`",
     recognises,
+    is_one_file: true,
     // Parents' averages are in some files, and in others what they held before they were refined.
     has_covered_cells: false,
     open: |path| Ok(Box::new(Flash::open(path)?)),

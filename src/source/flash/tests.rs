@@ -35,6 +35,23 @@ fn what_a_file_says_of_itself() {
 }
 
 #[test]
+fn a_folder_stands_for_the_one_file_in_it() {
+    let file = MadeFile::new();
+    file.write();
+    let folder = file.path().parent().unwrap().to_owned();
+    for format in [None, Some("flash")] {
+        let source = crate::source::open(&folder, format).unwrap();
+        assert_eq!((source.format(), source.path()), ("flash", file.path().as_path()));
+    }
+    // Among too many files others may be outputs as well.
+    for number in 0..1001 {
+        std::fs::write(folder.join(format!("log.{number}")), "").unwrap();
+    }
+    let error = crate::source::open(&folder, None).err().unwrap().to_string();
+    assert!(error.contains("holds more than 1000 files: name the output itself"), "{error}");
+}
+
+#[test]
 fn comoving_runs_say_their_scale_factor() {
     let density = |used: i32, scale_factor: Option<f64>| {
         let mut file = MadeFile::new();
