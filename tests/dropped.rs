@@ -162,6 +162,36 @@ fn a_region_on_faces_keeps_the_cells_between_them() {
     }
 }
 
+/// Where a ray leaves the domain, rounding may place it beyond: also there nothing is left of what was
+/// dropped, however much it would absorb. Bricks of 16³ reach beyond a domain of 8³ cells.
+#[test]
+fn rays_through_dropped_cells_alone_meet_nothing() {
+    let source = MemorySource::new([0.0; 3], [1.0; 3], [8; 3], &[]).unwrap();
+    let source = source.grid(0, [0; 3], [8; 3], |_| 1.0);
+    let folder = tempfile::tempdir().unwrap();
+    let region = Some([[decimal(0.0); 3], [decimal(0.25); 3]]);
+    let scene = "[image]\nwidth = 64\nheight = 64\n[camera]\nposition = [0.9, 0.02, 0.95]\n\
+         look_at = [0.8, 0.5, 0.9]\nup = [0.0, 0.0, 1.0]\nfov = 20.0\n[render]\nsamples = 1\n\
+         tolerance = TOLERANCE\n[[volume]]\nfield = \"density\"\nscale = \"linear\"\n\
+         range = [0.0, 1.0]\ncolor = [[0.0, 1.0, 1.0, 1.0]]\nabsorption = [[0.0, 1e18]]\n\
+         emission = [[0.0, 1.0]]\n";
+    for brick in [8, 16] {
+        let path = folder.path().join(format!("{brick}.dfc"));
+        let options = Options { region: region.clone(), brick: Some(brick), ..Options::default() };
+        ingest(&source, &path, &options, &mut Progress::new(&mut |_, _, _| {})).unwrap();
+        let cache = Cache::open(&path, 4).unwrap();
+        for tolerance in ["0.0", "0.01"] {
+            let scene = scene.replace("TOLERANCE", tolerance);
+            let scene = Scene::parse(&scene, "test").unwrap();
+            let (memory, threads) = (512 << 20, Some(1));
+            let options =
+                RenderOptions { memory, threads, progress: None, fixed: None, resident: false };
+            let found = render(&cache, &scene, &options).unwrap();
+            assert_eq!(found.film.largest_value(), 0.0, "{brick}, {tolerance}");
+        }
+    }
+}
+
 /// Beside a NaN cell, which counts as the lower end of the range, values are between that and those
 /// around: what shines there alone is seen, in whichever brick it lies.
 #[test]

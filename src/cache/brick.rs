@@ -67,27 +67,48 @@ impl Block {
     }
 }
 
+/// Which cells of a cube lie inside the domain: a box of them.
+pub struct Inside {
+    side: usize,
+    first: [usize; 3],
+    last: [usize; 3],
+}
+
+impl Inside {
+    /// Of a cube of `side`³ cells; none where no cell, or every one, is inside.
+    pub fn of(side: usize, states: &[u8]) -> Option<Self> {
+        if !states.contains(&state::OUTSIDE) {
+            return None;
+        }
+        let (mut first, mut last) = ([side; 3], [0; 3]);
+        for at in (0..states.len()).filter(|at| states[*at] != state::OUTSIDE) {
+            for (a, c) in Self::place(side, at).into_iter().enumerate() {
+                first[a] = c.min(first[a]);
+                last[a] = c.max(last[a]);
+            }
+        }
+        (first[0] <= last[0]).then_some(Self { side, first, last })
+    }
+
+    fn place(side: usize, at: usize) -> [usize; 3] {
+        [at % side, at / side % side, at / side / side]
+    }
+
+    /// The index of the cell inside that is nearest along all axes to that of index `at`.
+    pub fn nearest(&self, at: usize) -> usize {
+        let Self { side, first, last } = *self;
+        let c = Self::place(side, at);
+        let [x, y, z] = [0, 1, 2].map(|a| c[a].clamp(first[a], last[a]));
+        (z * side + y) * side + x
+    }
+}
+
 /// Calls `visit` with each cell of a cube of `side`³ cells that lies outside the domain and the
 /// nearest one along all axes that does not, by their indices. Without any inside there is no call.
 pub fn visit_outside(side: usize, states: &[u8], mut visit: impl FnMut(usize, usize)) {
-    if !states.contains(&state::OUTSIDE) {
-        return;
-    }
-    let (mut first, mut last) = ([side; 3], [0; 3]);
-    let place = |at: usize| [at % side, at / side % side, at / side / side];
-    for at in (0..states.len()).filter(|at| states[*at] != state::OUTSIDE) {
-        for (a, c) in place(at).into_iter().enumerate() {
-            first[a] = c.min(first[a]);
-            last[a] = c.max(last[a]);
-        }
-    }
-    if first[0] > last[0] {
-        return;
-    }
+    let Some(inside) = Inside::of(side, states) else { return };
     for at in (0..states.len()).filter(|at| states[*at] == state::OUTSIDE) {
-        let c = place(at);
-        let [x, y, z] = [0, 1, 2].map(|a| c[a].clamp(first[a], last[a]));
-        visit(at, (z * side + y) * side + x);
+        visit(at, inside.nearest(at));
     }
 }
 

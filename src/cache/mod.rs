@@ -19,7 +19,7 @@ mod verify;
 mod window;
 mod writer;
 
-pub use brick::{Block, BrickPlace, BrickShape, RawBrick, state, visit_outside};
+pub use brick::{Block, BrickPlace, BrickShape, Inside, RawBrick, state, visit_outside};
 pub use codec::{Decoder, Encoder, PARTS, Payload, Precision};
 pub use header::{CachedField, Header, MAX_FIELDS, TreeLevel};
 pub(crate) use index::PAGE_BYTES;

@@ -7,7 +7,7 @@ use super::kept_rates::KeptRates;
 use super::margin::WholeCells;
 use super::relief::Relief;
 use super::steepness::Surveyor;
-use crate::cache::{Block, BrickPlace, BrickShape, RawBrick, state};
+use crate::cache::{Block, BrickPlace, BrickShape, Inside, RawBrick, state};
 use crate::lanes::BYTE_PADDING;
 use crate::render::transfer::distance::Distance;
 use crate::render::transfer::pieces::PieceList;
@@ -276,6 +276,7 @@ impl ScaledBrick {
     /// Finds out what follows from the blocks' values.
     fn complete(&mut self, raw: &[Block]) {
         self.mark_holes(raw);
+        self.mark_outside();
         self.mark_duals();
         let has_borders = !self.duals.is_empty();
         let blocks = if has_borders { self.used } else { 1 };
@@ -301,6 +302,21 @@ impl ScaledBrick {
                 for (x, states) in row.iter_mut().enumerate().filter(|(_, states)| **states == 0) {
                     *states = owner(raw, [x, y, z], bits).1 & state::VOID;
                 }
+            }
+        }
+    }
+
+    /// Gives cells beyond the domain the VOID bit of the nearest inside, whose value they have: where a
+    /// ray leaves the domain, rounding may place it in either.
+    fn mark_outside(&mut self) {
+        let ScaledBlock { side, states, .. } = &mut self.blocks[0];
+        if !states.iter().any(|bits| bits & state::VOID != 0) {
+            return;
+        }
+        let Some(inside) = Inside::of(*side, states) else { return };
+        for at in 0..states.len() {
+            if states[at] == state::OUTSIDE {
+                states[at] |= states[inside.nearest(at)] & state::VOID;
             }
         }
     }
