@@ -1,6 +1,7 @@
 //! `deepfield render`.
 
 use std::path::PathBuf;
+use std::sync::Once;
 use std::time::Instant;
 
 use clap::Args;
@@ -76,10 +77,19 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let cache = Cache::open(&arguments.cache, Cursor::WINDOWS)?;
     fields::check(&scene.volume.field, &cache)?;
     let opening = started.elapsed().as_secs_f64();
-    warnings::of_nan(&cache, &scene);
-    warnings::of_log10(&cache, &scene);
+    let begun = Once::new();
+    let warn_of_values = || {
+        begun.call_once(|| {
+            warnings::of_nan(&cache, &scene);
+            warnings::of_log10(&cache, &scene);
+        });
+    };
     let bar = Bar::new("render", "tiles");
-    let progress = |done, total| bar.show("render", done, total);
+    let progress = |done, total| {
+        // Not before it is certain that there is something to draw, but well before the end.
+        warn_of_values();
+        bar.show("render", done, total);
+    };
     let options = RenderOptions {
         memory: arguments.memory,
         threads: arguments.threads.map(|n| n as usize),
@@ -88,6 +98,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         resident: arguments.resident,
     };
     let mut rendered = render(&cache, &scene, &options)?;
+    warn_of_values();
     drop(bar);
     rendered.stats.set_opening(opening);
     warnings::of_bound(&rendered, &cache, &scene);

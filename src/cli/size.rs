@@ -8,6 +8,8 @@ pub(super) fn parse(text: &str) -> Result<u64, String> {
     let body = text.trim();
     let split = body.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(body.len());
     let (number, unit) = body.split_at(split);
+    let number: f64 =
+        number.parse().map_err(|_| format!("`{text}` is no size: write one as 256MiB or 1GiB"))?;
     let factor: u64 = match unit.trim().to_ascii_lowercase().as_str() {
         "" | "b" => 1,
         "kb" => 1_000,
@@ -20,8 +22,6 @@ pub(super) fn parse(text: &str) -> Result<u64, String> {
         "t" | "tib" => 1 << 40,
         other => return Err(format!("`{other}` is no unit of size: use KiB, MiB, GiB, MB or GB")),
     };
-    let number: f64 =
-        number.parse().map_err(|_| format!("`{text}` is no size: write one as 256MiB or 1GiB"))?;
     let bytes = number * factor as f64;
     if bytes > (1u64 << 60) as f64 {
         return Err(format!("`{text}` is more than any machine has"));

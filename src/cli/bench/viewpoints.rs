@@ -38,7 +38,8 @@ struct Core {
 struct View {
     eye: [String; 3],
     fov: f64,
-    /// Values that map to 0 and 1 under log10; none where they would be not positive or not apart.
+    /// Values that map to 0 and 1 under log10; none where the field has negative ones, or where these
+    /// would be not positive or not apart.
     range: Option<[f64; 2]>,
     /// The value of a haze.
     haze: f64,
@@ -108,7 +109,7 @@ fn outside(cache: &Cache) -> Result<View> {
     let sides = (0..3).map(|a| domain.right()[a] - domain.left()[a]);
     let mean = field.sum / (sides.product::<f64>() - field.dropped_volume);
     let seen = largest_seen(cache, PIXEL * length)?;
-    let range = are_apart(mean, seen).then(|| [0.5 * mean, (mean * seen).sqrt()]);
+    let range = are_apart(field, mean, seen).then(|| [0.5 * mean, (mean * seen).sqrt()]);
     let absorption = OUTSIDE.map(|over| over / length);
     Ok(View { eye, fov: 32.0, range, haze: mean, absorption })
 }
@@ -128,9 +129,9 @@ fn largest_seen(cache: &Cache, width: f64) -> Result<f64> {
     Ok(header.fields[FIELD].value(largest))
 }
 
-/// Whether a range may go from `low` to `high`.
-fn are_apart(low: f64, high: f64) -> bool {
-    low > 0.0 && high.is_finite() && high >= LEAST_RATIO * low
+/// Whether a logarithmic range may go from `low` to `high`.
+fn are_apart(field: &CachedField, low: f64, high: f64) -> bool {
+    field.min >= 0.0 && low > 0.0 && high.is_finite() && high >= LEAST_RATIO * low
 }
 
 /// What is denser than around the eye: a quarter of the way from there to the densest, in the logarithm,
@@ -145,7 +146,7 @@ fn inside(cache: &Cache, core: &Core) -> Result<View> {
     let found = <[Decimal; 3]>::try_from(point).map_or(Ok(None), |point| probe.at(&point))?;
     let around = found.map_or(f64::NAN, |found| found.value);
     let low = around.powf(0.75) * core.value.powf(0.25);
-    let range = are_apart(around, core.value).then_some([low, core.value]);
+    let range = are_apart(field, around, core.value).then_some([low, core.value]);
     let haze = low * (core.value / low).powf(HAZE);
     Ok(View { eye, fov: 40.0, range, haze, absorption: WITHIN.map(|over| over / length) })
 }
