@@ -385,16 +385,34 @@ fn at(sorted: &[f64], part: f64) -> Option<f64> {
     sorted.get((part * sorted.len() as f64) as usize).copied()
 }
 
+/// Cells many pixels wide, and a transfer function without kinks in their range.
+const WIDE_CELLS: &str = r#"
+[image]
+width = 12
+height = 9
+[camera]
+projection = "orthographic"
+position = [0.5, 0.5, -2.0]
+look_at = [0.5, 0.5, 0.5]
+up = [0.0, 1.0, 0.0]
+height = 0.006
+[render]
+interpolation = "linear"
+tolerance = "1%"
+samples = "area"
+[[volume]]
+field = "Density"
+scale = "log10"
+range = [1e-2, 1e4]
+color = [[0.0, 0.1, 0.2, 0.3], [1.0, 1.0, 0.8, 0.5]]
+absorption = [[0.0, 0.0], [1.0, 1.0]]
+emission = [[0.0, 0.0], [1.0, 1.0]]
+"#;
+
 /// Where cells are wide and the transfer function is smooth, bounds of areas reach.
 #[test]
 fn areas_of_wide_cells_are_certified() -> twin::Result<()> {
-    let subject = Subject::synthetic("small")?;
-    let text = "[image]\nwidth = 12\nheight = 9\n[camera]\nposition = [0.5, 0.5, -2.0]\n\
-        look_at = [0.5, 0.5, 0.5]\nup = [0.0, 1.0, 0.0]\nprojection = \"orthographic\"\n\
-        height = 0.006\n[render]\n\
-        tolerance = \"1%\"\nsamples = \"area\"\n[[volume]]\nfield = \"Density\"\n\
-        range = [1e-2, 1e4]\nscale = \"log10\"\ncolor = [[0.0, 0.1, 0.2, 0.3], [1.0, 1.0, 0.8, 0.5]]\n\
-        absorption = [[0.0, 0.0], [1.0, 1.0]]\n";
+    let (subject, text) = (Subject::synthetic("small")?, WIDE_CELLS);
     let picture = subject.picture(text, 0.0)?;
     let (bound, tolerance) = (picture.stats.error_bound, picture.stats.tolerance);
     let (bound, tolerance) = bound.zip(tolerance).ok_or("no bound")?;

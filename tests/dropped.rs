@@ -169,7 +169,7 @@ fn rays_through_dropped_cells_alone_meet_nothing() {
     let source = MemorySource::new([0.0; 3], [1.0; 3], [8; 3], &[]).unwrap();
     let source = source.grid(0, [0; 3], [8; 3], |_| 1.0);
     let folder = tempfile::tempdir().unwrap();
-    let region = Some([[decimal(0.0); 3], [decimal(0.25); 3]]);
+    let region = Some([0.0, 0.25].map(|x| [x; 3].map(decimal)));
     let scene = "[image]\nwidth = 64\nheight = 64\n[camera]\nposition = [0.9, 0.02, 0.95]\n\
          look_at = [0.8, 0.5, 0.9]\nup = [0.0, 0.0, 1.0]\nfov = 20.0\n[render]\nsamples = 1\n\
          tolerance = TOLERANCE\n[[volume]]\nfield = \"density\"\nscale = \"linear\"\n\

@@ -294,7 +294,9 @@ impl GroupBuilder<'_> {
         let beneath = if has_children { residual } else { 0.0 };
         let holds_averages = of_group.holds_averages || has_children;
         let stored = if holds_averages { storage } else { leaf_storage };
-        group.storage = Storage::new(&stored, [group.low, group.high], beneath, tree);
+        let is_constant = self.brick.is_piecewise_constant();
+        let of = if is_constant { Storage::of_cells } else { Storage::new };
+        group.storage = of(&stored, [group.low, group.high], beneath, tree);
         group.span =
             self.span(&group, if has_children { self.distance.near_beneath() } else { 0.0 });
         group.fills_void = has_children && fills_void;

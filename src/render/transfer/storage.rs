@@ -14,7 +14,7 @@ const AS_GOOD_AS_ZERO: f64 = 1e-12;
 /// interpolants are: at most `most`, and at most `base` + `slope`·x. For values of one sign stored
 /// with a relative error, a mean of them is off by no more of its own. Nothing changes from x = 1 on, so
 /// that what crosses no place up to there counts for nothing: from far above, `most` may be less than the
-/// difference.
+/// difference; of values that are no means, but cells' own, from far below 0 as well.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Storage {
     // Rounded up to f32: bricks have many of these.
@@ -71,6 +71,21 @@ impl Storage {
     /// The bound where no more is known than the largest difference.
     pub(crate) fn at_most(most: f64) -> Self {
         Self { most: up(most), largest: up(most), base: f32::INFINITY, slope: 0.0 }
+    }
+
+    /// The same where values are single cells' own, of either sign: what lies so far from [0, 1] that it
+    /// stays on its side counts for nothing.
+    pub(crate) fn of_cells(
+        rounding: &Rounding,
+        range: [f64; 2],
+        beneath: f64,
+        tree: [f64; 2],
+    ) -> Self {
+        let of_means = Self::new(rounding, range, beneath, tree);
+        let Some([zero, slope, lost]) = rounding.line() else { return of_means };
+        let off = |place: f64| (slope + ROUNDING) * (place - zero).abs() + ROUNDING + lost;
+        let most = if slope < 1.0 { off(0.0).max(off(1.0)) / (1.0 - slope) } else { f64::INFINITY };
+        Self { most: of_means.most.min(up(most)), ..of_means }
     }
 
     /// The largest difference where x is at most `x`.
@@ -207,6 +222,17 @@ mod tests {
         assert!(reach.share_across(&x, 0.5) > 1.5 * alike.share_across(&x, 0.5));
     }
 
+    #[test]
+    fn cells_far_outside_the_range_are_off_by_nothing_that_shows() {
+        let extrema = FieldExtrema { minimum: -1e6, maximum: 1e6, smallest_positive: Some(1e-6) };
+        let mapping = Mapping::new(Scale::Linear, Some([0.0, 1e-2]), extrema, 1.0).unwrap();
+        let rounding = mapping.rounding(6e-8, 0.0);
+        let (range, tree) = ([-1e8, 1e8], [f64::NEG_INFINITY, f64::INFINITY]);
+        assert!(Storage::new(&rounding, range, 0.0, tree).most() > 1.0, "means of them");
+        let most = Storage::of_cells(&rounding, range, 0.0, tree).most();
+        assert!(most > 6e-8 && most < 6.1e-8, "{most:e}");
+    }
+
     proptest! {
         /// Means of mapped values, stored ones and the source's, at most `beneath` apart but for
         /// storage.
@@ -246,6 +272,20 @@ mod tests {
             let high = own.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             let tree = [f64::NEG_INFINITY, f64::INFINITY];
             let storage = Storage::new(&rounding, [low, high], beneath, tree);
+            let of_cells = Storage::of_cells(&rounding, [low, high], beneath, tree);
+            for ((v, finer, error), x) in values.iter().zip(&own) {
+                let stored = value(*v) + apart * finer;
+                let [kept, other] =
+                    [stored, stored / (1.0 + STORED * error)].map(|f| mapping.unclamped(f));
+                let shown = (kept.clamp(0.0, 1.0) - other.clamp(0.0, 1.0)).abs();
+                prop_assert!(shown <= of_cells.most(), "{shown:e} {of_cells:?}");
+                for place in [0.0, 0.3, 0.99, 1.0] {
+                    let is_crossed = (other < place) != (kept < place);
+                    let reach = Reach { others: beneath, storage: of_cells, is_elsewhere: true };
+                    let [_, reach] = reach.near(place);
+                    prop_assert!(!is_crossed || (x - place).abs() <= reach * (1.0 + 1e-9));
+                }
+            }
             let [x, kept, off] = [drawn, kept, off].map(|sum| sum / total);
             let bound = storage.up_to(x) * (1.0 + 1e-9);
             for other in [kept - off, kept + off] {
