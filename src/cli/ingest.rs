@@ -176,6 +176,13 @@ fn report(header: &Header, arguments: &Arguments) -> Result<()> {
                 field.name, field.nan_cells
             ));
         }
+        if arguments.error > 0.0 && field.leaf_error > arguments.error {
+            warn(format!(
+                "{}: values are off by up to {:.1e} of themselves, more than --error {:e}, as 32-bit \
+                 floats have it",
+                field.name, field.leaf_error, arguments.error
+            ));
+        }
         if field.smallest_positive.is_some_and(|least| least < field.least_exact()) {
             warn(format!(
                 "{}: values below {:.1e} are held with fewer digits than others, or as 0, as \

@@ -9,7 +9,9 @@ use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
 use exr::compression::Compression;
 use exr::error::Error as ExrError;
 use exr::math::Vec2;
-use exr::meta::attribute::{self, AttributeValue, ChannelDescription, LineOrder, SampleType, Text};
+use exr::meta::attribute::{
+    self, AttributeValue, ChannelDescription, Chromaticities, LineOrder, SampleType, Text,
+};
 use exr::meta::header::Header;
 use exr::meta::{BlockDescription, MetaData, magic_number, sequence_end};
 
@@ -23,7 +25,16 @@ const CHANNELS: [(&str, usize); 4] = [("A", 3), ("B", 2), ("G", 1), ("R", 0)];
 /// Widest picture (pixels) whose rows are compressed 16 together: compressing takes up to four
 /// times a block of 16 bytes a pixel.
 const WIDEST_IN_BLOCKS: u32 = 4096;
-/// Their stacks, bytes.
+/// What the channels R, G and B are, as programs that convert colours ask: the primaries and the white
+/// of Rec. 709, CIE x and y (ITU-R BT.709-6, table 1), in which colour maps are given.
+const PRIMARIES: Chromaticities = Chromaticities {
+    red: Vec2(0.64, 0.33),
+    green: Vec2(0.3, 0.6),
+    blue: Vec2(0.15, 0.06),
+    white: Vec2(0.3127, 0.329),
+};
+
+/// The stack of a thread that compresses, bytes.
 const STACK_BYTES: usize = 1 << 20;
 /// Longest attribute name that every reader takes (bytes).
 const MAX_NAME: usize = 31;
@@ -152,6 +163,7 @@ fn write_header(
     for (name, value) in headers[0].all_named_attributes() {
         attribute::write(name, &value, writer)?;
     }
+    attribute::write(b"chromaticities", &AttributeValue::Chromaticities(PRIMARIES), writer)?;
     for (name, value) in attributes {
         let text = AttributeValue::Text(Text::from_slice_unchecked(value.as_bytes()));
         attribute::write(name.as_bytes(), &text, writer)?;

@@ -45,6 +45,8 @@ fn exr_reads_back_as_written() {
             let written: Vec<f32> = film.pixels().iter().map(|pixel| pixel[place]).collect();
             assert_eq!(read, written, "{name}");
         }
+        let white = image.attributes.chromaticities.unwrap().white;
+        assert_eq!((white.0, white.1), (0.3127, 0.329));
         let other = &layer.attributes.other;
         for (name, text) in attributes() {
             let found = other.iter().find(|(key, _)| key.to_string() == name).unwrap().1;

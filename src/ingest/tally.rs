@@ -222,13 +222,15 @@ pub(super) fn times_power_of_two(value: f64, power: i32) -> f64 {
     value * f64::from(half).exp2() * f64::from(power - half).exp2()
 }
 
-/// Rounds the mantissa so that the relative error stays below `relative_error`.
+/// Rounds the mantissa of a value that was rounded to f32 before so that the relative error of both
+/// stays below `relative_error`, where that is more than f32 itself makes.
 pub(super) fn round_mantissa(value: f32, relative_error: f64) -> f32 {
-    if relative_error < f64::from(f32::EPSILON) || !value.is_normal() {
+    let left = relative_error - 0.5 * f64::from(f32::EPSILON);
+    if left < f64::from(f32::EPSILON) || !value.is_normal() {
         return value;
     }
     // Keeping k bits after the leading one leaves an error of at most 2^-(k+1).
-    let kept = (-relative_error.log2()).ceil().max(1.0) as u32 - 1;
+    let kept = (-left.log2()).ceil().max(1.0) as u32 - 1;
     let dropped = 23u32.saturating_sub(kept);
     if dropped == 0 {
         return value;
@@ -289,13 +291,14 @@ mod tests {
 
     #[test]
     fn rounded_mantissas_keep_the_error_asked_for() {
-        for error in [0.3, 0.1, 1e-2, 1e-3, 1e-5, 1e-6] {
-            let mut value = 1.1e-12f32;
+        for error in [0.3, 0.1, 1e-2, 1e-3, 1e-5, 1e-6, (-20_f64).exp2(), 2e-7] {
+            let (mut value, mut largest) = (1.1e-12_f64, 0.0_f64);
             while value < 1e12 {
-                let rounded = round_mantissa(value, error);
-                assert!(f64::from(((rounded - value) / value).abs()) <= error, "{value} {error}");
-                value *= 1.003_7;
+                let rounded = f64::from(round_mantissa(value as f32, error));
+                largest = largest.max(((rounded - value) / value).abs());
+                value *= 1.000_037;
             }
+            assert!(largest <= error && largest > 0.2 * error, "{largest:e} {error:e}");
         }
         assert_eq!(round_mantissa(1.234_567_8, 0.0), 1.234_567_8);
     }

@@ -7,7 +7,7 @@ const MOST: u64 = 16_000_000;
 const MOST_PER_PIXEL: u64 = 64;
 const FEWEST_PER_PIXEL: u64 = 8;
 /// Rays of a picture that bounds within the tolerance are worth, of a pixel at least: with 8 a large
-/// picture was certified in 3 times its exact one's time (`docs/ACCURACY.md`). And how many times the usual
+/// picture was certified in 3 times its exact one's time (`docs/AREAS.md`). And how many times the usual
 /// number a tile may take that needs more than others: one that comes short costs the picture its
 /// certificate, when most of the work is done.
 const WORTHWHILE: u64 = 128_000;
