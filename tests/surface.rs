@@ -100,18 +100,16 @@ fn advice_about_infinite_values_works() {
 }
 
 #[test]
-fn what_is_no_cache_is_not_written_over() {
+fn a_target_stays_until_the_cache_is_whole_and_is_replaced_then() {
     let set = Set::new();
-    let notes = written(set.folder.path(), "notes.txt", "a year's work");
-    let line = set.ingest("notes.txt", &[]).failed();
-    assert!(line.contains("notes.txt: is there already and no deepfield cache"), "{line}");
-    assert_eq!(std::fs::read_to_string(notes).unwrap(), "a year's work");
-    // What is left of a cache, or is nothing yet, is written anew.
     let sound = std::fs::read(set.cache(&[])).unwrap();
     let mut damaged = sound.clone();
-    damaged[20..].fill(7);
-    for left in [&damaged[..], &sound[..100], &sound[..5], &[]] {
-        std::fs::write(set.path("cache.dfc"), left).unwrap();
+    damaged[..20].fill(7);
+    for left in [&damaged[..], &sound[..100], &sound[..5], b"a year's work", &[]] {
+        let target = set.path("cache.dfc");
+        std::fs::write(&target, left).unwrap();
+        set.ingest("cache.dfc", &["--field", "absent"]).failed();
+        assert!(std::fs::read(&target).unwrap() == left);
         assert!(std::fs::read(set.cache(&[])).unwrap() == sound);
     }
 }

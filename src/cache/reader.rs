@@ -1,7 +1,6 @@
 //! Opening a cache and reading its bricks.
 
 use std::fs::File;
-use std::io::Read;
 #[cfg(target_os = "linux")]
 use std::num::NonZeroU64;
 use std::os::unix::fs::FileExt;
@@ -66,15 +65,6 @@ impl Cache {
         let mut magic = [0; MAGIC.len()];
         regular_file::open(path)
             .is_ok_and(|file| file.read_exact_at(&mut magic, 0).is_ok() && magic == MAGIC)
-    }
-
-    /// Whether the file at `path` begins as a cache does, as far as it goes: it may be what is left of
-    /// one.
-    pub fn may_be_one(path: &Path) -> bool {
-        let mut begin = Vec::new();
-        let read = regular_file::open(path)
-            .and_then(|file| file.take(MAGIC.len() as u64).read_to_end(&mut begin));
-        read.is_ok() && MAGIC.starts_with(&begin)
     }
 
     /// The file.

@@ -47,7 +47,6 @@ use overlaps::{CUBE_EDGE, Layout};
 pub use plan::DEFAULT_MEMORY;
 use plan::{Plan, Shares};
 pub use progress::{Progress, Stage};
-use target::refuse_other_files;
 pub use target::refuse_source_files;
 
 /// What to ingest, and how.
@@ -98,7 +97,6 @@ pub fn ingest(
     progress: &mut Progress<'_>,
 ) -> Result<Header> {
     refuse_source_files(source, target)?;
-    refuse_other_files(target)?;
     if options.fields.len() > MAX_FIELDS {
         return Err(Error::request(format!(
             "{} fields are more than the {MAX_FIELDS} that a cache holds: choose fewer with --field",

@@ -7,21 +7,6 @@ use crate::cache::Cache;
 use crate::source::Source;
 use crate::{Error, Result};
 
-/// Refuses a target that is there already and neither a cache, whole or damaged, nor empty.
-///
-/// # Errors
-/// Such a target, or one of which nothing is known as it cannot be read.
-pub(super) fn refuse_other_files(target: &Path) -> Result<()> {
-    let is_file = std::fs::metadata(target).is_ok_and(|found| found.is_file());
-    if !is_file || Cache::may_be_one(target) {
-        return Ok(());
-    }
-    Err(Error::request(format!(
-        "{}: is there already and no deepfield cache; name another file, or remove it",
-        target.display()
-    )))
-}
-
 /// Refuses a target that is a file of the source: its data, what lies in its folder if it is one, and
 /// files that extend its name. A cache may be written anew wherever it lies.
 ///
