@@ -13,9 +13,9 @@ mod units;
 #[cfg(test)]
 mod tests;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use crate::source::{GridBlock, GridRecord, Hierarchy, Source, SourceField};
+use crate::source::{About, GridBlock, GridRecord, Source, SourceField};
 use crate::spelling::{nearest_first, position};
 use crate::{Error, Result};
 
@@ -33,7 +33,8 @@ const LONGEST_NAME: usize = 100;
 /// A source and fields that are computed from its own.
 pub struct Derived<'s> {
     source: &'s dyn Source,
-    hierarchy: Hierarchy,
+    /// The source's, with the derived fields after its own.
+    about: About,
     /// In the order of the hierarchy's last fields; each has only fields before it as operands.
     fields: Vec<DerivedField>,
 }
@@ -54,8 +55,8 @@ impl<'s> Derived<'s> {
     /// A definition that cannot be read, that names an unknown field, whose name is taken, or that
     /// adds or compares fields whose units are known and differ.
     pub fn new(source: &'s dyn Source, definitions: &[String]) -> Result<Self> {
-        let hierarchy = source.hierarchy().clone();
-        let mut derived = Self { source, hierarchy, fields: Vec::new() };
+        let about = source.about().clone();
+        let mut derived = Self { source, about, fields: Vec::new() };
         for definition in definitions {
             derived.define(definition).map_err(|reason| {
                 Error::request(format!("--derive `{}`: {reason}", shortened(definition)))
@@ -82,9 +83,9 @@ impl<'s> Derived<'s> {
             return Err("it names no field: it would be the same everywhere".into());
         }
         let units: Vec<Unit> =
-            operands.iter().map(|&field| Unit::of(&self.hierarchy.fields[field])).collect();
+            operands.iter().map(|&field| Unit::of(&self.hierarchy().fields[field])).collect();
         let unit = Unit::of_expression(&expression, &units)?;
-        self.hierarchy.fields.push(SourceField {
+        self.about.hierarchy.fields.push(SourceField {
             name: name.clone(),
             units: unit.dimensions.map(|dimensions| dimensions.to_string()),
             to_cgs: unit.to_cgs,
@@ -100,7 +101,7 @@ impl<'s> Derived<'s> {
         if name.contains(['{', '}']) {
             return Err("its name must have no braces: they quote names in expressions".into());
         }
-        if self.hierarchy.fields.iter().any(|field| field.name.eq_ignore_ascii_case(name)) {
+        if self.hierarchy().fields.iter().any(|field| field.name.eq_ignore_ascii_case(name)) {
             return Err(format!("there is a field `{name}` already: choose another name"));
         }
         if self.fields.len() == MOST_FIELDS {
@@ -111,7 +112,7 @@ impl<'s> Derived<'s> {
 
     /// The field that an expression calls `name`.
     fn operand(&self, name: &str) -> Result<usize, String> {
-        let fields = || self.hierarchy.fields.iter().map(|field| field.name.as_str());
+        let fields = || self.hierarchy().fields.iter().map(|field| field.name.as_str());
         position(name, fields()).ok_or_else(|| {
             let known: Vec<String> =
                 nearest_first(name, fields()).into_iter().map(grammar::written).collect();
@@ -167,16 +168,8 @@ impl<'s> Derived<'s> {
 }
 
 impl Source for Derived<'_> {
-    fn format(&self) -> &'static str {
-        self.source.format()
-    }
-
-    fn path(&self) -> &Path {
-        self.source.path()
-    }
-
-    fn hierarchy(&self) -> &Hierarchy {
-        &self.hierarchy
+    fn about(&self) -> &About {
+        &self.about
     }
 
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {

@@ -1,11 +1,12 @@
 //! Derived fields of a small source in memory.
 
 use super::*;
+use crate::source::Hierarchy;
 use crate::space::{Domain, Levels};
 
 /// Two grids whose fields are formulas of the cell.
 struct Made {
-    hierarchy: Hierarchy,
+    about: About,
 }
 
 const FIELDS: [(&str, Option<&str>, Option<f64>); 4] = [
@@ -30,7 +31,8 @@ impl Made {
         });
         let levels = Levels::from_factors(&[2]).unwrap();
         let fields = fields.to_vec();
-        Self { hierarchy: Hierarchy { domain, levels, fields, density: Some(0), time: None } }
+        let hierarchy = Hierarchy { domain, levels, fields, density: Some(0), time: None };
+        Self { about: About { format: "made", path: "made".into(), hierarchy } }
     }
 
     fn value(field: usize, [x, y, z]: [u32; 3]) -> f64 {
@@ -40,16 +42,8 @@ impl Made {
 }
 
 impl Source for Made {
-    fn format(&self) -> &'static str {
-        "made"
-    }
-
-    fn path(&self) -> &Path {
-        Path::new("made")
-    }
-
-    fn hierarchy(&self) -> &Hierarchy {
-        &self.hierarchy
+    fn about(&self) -> &About {
+        &self.about
     }
 
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {

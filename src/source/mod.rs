@@ -47,6 +47,33 @@ pub struct Hierarchy {
     pub time: Option<f64>,
 }
 
+/// What an opened output is.
+#[derive(Debug, Clone)]
+pub struct About {
+    /// The format's name, as `--format` takes it.
+    pub format: &'static str,
+    /// The file or folder that the user named.
+    pub path: PathBuf,
+    /// Domain, levels and fields.
+    pub hierarchy: Hierarchy,
+}
+
+impl About {
+    /// An error of an index beyond the fields.
+    fn no_field(&self, field: usize) -> Error {
+        Error::request(format!("{}: has no field number {field}", self.path.display()))
+    }
+
+    /// The name of field `field`.
+    ///
+    /// # Errors
+    /// An index beyond the fields.
+    fn field_name(&self, field: usize) -> Result<&str> {
+        let field = self.hierarchy.fields.get(field).ok_or_else(|| self.no_field(field))?;
+        Ok(&field.name)
+    }
+}
+
 /// One grid (patch, block) of an output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GridRecord {
@@ -92,14 +119,23 @@ impl GridBlock {
 
 /// A simulation output that can be ingested. Reading may happen on several threads at once.
 pub trait Source: Send + Sync {
-    /// The format's name, as `--format` takes it.
-    fn format(&self) -> &'static str;
+    /// What the output is.
+    fn about(&self) -> &About;
 
-    /// The file that the user named.
-    fn path(&self) -> &Path;
+    /// The format's name, as `--format` takes it.
+    fn format(&self) -> &'static str {
+        self.about().format
+    }
+
+    /// The file or folder that the user named.
+    fn path(&self) -> &Path {
+        &self.about().path
+    }
 
     /// Domain, levels and fields.
-    fn hierarchy(&self) -> &Hierarchy;
+    fn hierarchy(&self) -> &Hierarchy {
+        &self.about().hierarchy
+    }
 
     /// Hands every grid to `visit`, in any order, in memory that does not grow with their number
     /// where the format allows.

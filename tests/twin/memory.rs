@@ -1,14 +1,12 @@
 //! A source whose grids are made by hand.
 
-use std::path::Path;
-
 use deepfield::Result;
-use deepfield::source::{GridBlock, GridRecord, Hierarchy, Source, SourceField};
+use deepfield::source::{About, GridBlock, GridRecord, Hierarchy, Source, SourceField};
 use deepfield::space::{Domain, Levels};
 
 /// Grids and the value of each of their cells: one field, `density`.
 pub(crate) struct MemorySource {
-    hierarchy: Hierarchy,
+    about: About,
     grids: Vec<(GridRecord, Vec<f64>)>,
 }
 
@@ -28,7 +26,8 @@ impl MemorySource {
             density: Some(0),
             time: None,
         };
-        Ok(Self { hierarchy, grids: Vec::new() })
+        let about = About { format: "memory", path: "memory".into(), hierarchy };
+        Ok(Self { about, grids: Vec::new() })
     }
 
     /// Adds a grid of simulation level `level` whose cell `i` (its index at that level) holds
@@ -56,16 +55,8 @@ impl MemorySource {
 }
 
 impl Source for MemorySource {
-    fn format(&self) -> &'static str {
-        "memory"
-    }
-
-    fn path(&self) -> &Path {
-        Path::new("memory")
-    }
-
-    fn hierarchy(&self) -> &Hierarchy {
-        &self.hierarchy
+    fn about(&self) -> &About {
+        &self.about
     }
 
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {

@@ -1,11 +1,9 @@
 //! A cache's data on one dense grid over the whole domain: what renderers without refinement get.
 
-use std::path::Path;
-
 use crate::cache::{
     BrickEntry, BrickPlace, Cache, Cursor, Decoder, Precision, RawBrick, TreeLevel,
 };
-use crate::source::{GridBlock, GridRecord, Hierarchy, Source, SourceField};
+use crate::source::{About, GridBlock, GridRecord, Hierarchy, Source, SourceField};
 use crate::space::{Domain, IndexBox, Levels};
 use crate::{Error, Result};
 
@@ -15,7 +13,7 @@ pub(super) struct CoveringGrid<'c> {
     cache: &'c Cache,
     /// The grid's octree level in the cache.
     octree: i32,
-    hierarchy: Hierarchy,
+    about: About,
 }
 
 impl<'c> CoveringGrid<'c> {
@@ -50,7 +48,9 @@ impl<'c> CoveringGrid<'c> {
             density: None,
             time: header.time,
         };
-        Ok(Self { cache, octree: level.octree, hierarchy })
+        let path = cache.path().to_path_buf();
+        let about = About { format: "covering grid", path, hierarchy };
+        Ok(Self { cache, octree: level.octree, about })
     }
 }
 
@@ -60,20 +60,12 @@ pub(super) fn cells(domain: &Domain, octree: i32) -> [u128; 3] {
 }
 
 impl Source for CoveringGrid<'_> {
-    fn format(&self) -> &'static str {
-        "covering grid"
-    }
-
-    fn path(&self) -> &Path {
-        self.cache.path()
-    }
-
-    fn hierarchy(&self) -> &Hierarchy {
-        &self.hierarchy
+    fn about(&self) -> &About {
+        &self.about
     }
 
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {
-        let cells = self.hierarchy.domain.root_cells();
+        let cells = self.about.hierarchy.domain.root_cells();
         let size = cells.map(|cells| u32::try_from(cells).unwrap_or(u32::MAX));
         visit(GridRecord { id: 0, level: 0, lo: [0; 3], size, locator: 0 })
     }

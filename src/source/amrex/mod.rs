@@ -20,7 +20,7 @@ use text::PrintedBox;
 use units::Units;
 
 use super::raw::RawArray;
-use super::{Format, GridBlock, GridRecord, Hierarchy, Source, first_named};
+use super::{About, Format, GridBlock, GridRecord, Hierarchy, Source, first_named};
 use crate::space::IndexBox;
 use crate::{Error, Result};
 
@@ -45,8 +45,7 @@ fn header_file(path: &Path) -> PathBuf {
 
 /// A plotfile.
 struct Plotfile {
-    path: PathBuf,
-    hierarchy: Hierarchy,
+    about: About,
     levels: Vec<Level>,
 }
 
@@ -84,7 +83,8 @@ impl Plotfile {
             fields,
             time: header.time,
         };
-        Ok(Self { path: path.to_path_buf(), hierarchy, levels })
+        let about = About { format: FORMAT.name, path: path.to_path_buf(), hierarchy };
+        Ok(Self { about, levels })
     }
 }
 
@@ -118,16 +118,8 @@ impl Level {
 }
 
 impl Source for Plotfile {
-    fn format(&self) -> &'static str {
-        FORMAT.name
-    }
-
-    fn path(&self) -> &Path {
-        &self.path
-    }
-
-    fn hierarchy(&self) -> &Hierarchy {
-        &self.hierarchy
+    fn about(&self) -> &About {
+        &self.about
     }
 
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {
@@ -158,7 +150,7 @@ impl Source for Plotfile {
         out: &mut [f64],
     ) -> Result<()> {
         let level = self.levels.get(grid.level as usize).ok_or_else(|| {
-            Error::invalid(self.path.display(), format!("has no level {}", grid.level))
+            Error::invalid(self.path().display(), format!("has no level {}", grid.level))
         })?;
         let cells = level.printed(grid);
         let fab = level.data.fab(&cells, grid.locator)?;

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use header::{Header, Title};
 
 use super::open_file::OpenFile;
-use super::{Format, GridBlock, GridRecord, Hierarchy, Source, SourceField, first_named};
+use super::{About, Format, GridBlock, GridRecord, Hierarchy, Source, SourceField, first_named};
 use crate::space::{Domain, Levels};
 use crate::{Error, Result};
 
@@ -41,8 +41,7 @@ fn recognises(path: &Path) -> bool {
 
 /// One output of a run.
 struct Output {
-    path: PathBuf,
-    hierarchy: Hierarchy,
+    about: About,
     pieces: Vec<Piece>,
 }
 
@@ -89,7 +88,8 @@ impl Output {
         let density = first_named(&fields, &DENSITIES);
         let time = pieces.first().and_then(|piece| piece.header.time());
         let hierarchy = Hierarchy { domain, levels, fields, density, time };
-        Ok(Self { path: path.to_path_buf(), hierarchy, pieces })
+        let about = About { format: FORMAT.name, path: path.to_path_buf(), hierarchy };
+        Ok(Self { about, pieces })
     }
 }
 
@@ -113,16 +113,8 @@ fn common_fields(pieces: &[Piece]) -> Result<Vec<String>> {
 }
 
 impl Source for Output {
-    fn format(&self) -> &'static str {
-        FORMAT.name
-    }
-
-    fn path(&self) -> &Path {
-        &self.path
-    }
-
-    fn hierarchy(&self) -> &Hierarchy {
-        &self.hierarchy
+    fn about(&self) -> &About {
+        &self.about
     }
 
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {
@@ -142,9 +134,9 @@ impl Source for Output {
     ) -> Result<()> {
         let piece = usize::try_from(grid.locator).ok().and_then(|number| self.pieces.get(number));
         let piece = piece.ok_or_else(|| {
-            Error::invalid(self.path.display(), format!("has no grid {}", grid.id))
+            Error::invalid(self.path().display(), format!("has no grid {}", grid.id))
         })?;
-        let name = self.hierarchy.fields.get(field).map_or("", |field| field.name.as_str());
+        let name = self.about.field_name(field)?;
         let file = OpenFile::open(&piece.path)?;
         let has_it = |variable: &header::Variable| variable.fields().iter().any(|f| f == name);
         let variables = header::variables(&file, &piece.header, &has_it)?;

@@ -17,7 +17,7 @@ use blocks::Blocks;
 use fields::Variable;
 
 use super::hdf5::File;
-use super::{Format, GridBlock, GridRecord, Hierarchy, Source, first_named};
+use super::{About, Format, GridBlock, GridRecord, Hierarchy, Source, first_named};
 use crate::space::{Domain, Levels};
 use crate::{Error, Result};
 
@@ -42,11 +42,10 @@ fn recognises(path: &Path) -> bool {
 
 /// An Athena++ output.
 struct AthenaPp {
-    path: PathBuf,
+    about: About,
     file: File,
     blocks: Blocks,
     variables: Vec<Variable>,
-    hierarchy: Hierarchy,
 }
 
 impl AthenaPp {
@@ -65,21 +64,14 @@ impl AthenaPp {
         let fields: Vec<_> = variables.iter().map(Variable::describe).collect();
         let density = first_named(&fields, &fields::DENSITIES);
         let hierarchy = Hierarchy { domain, levels, fields, density, time: attributes.time() };
-        Ok(Self { path: path.to_path_buf(), file, blocks, variables, hierarchy })
+        let about = About { format: FORMAT.name, path: path.to_path_buf(), hierarchy };
+        Ok(Self { about, file, blocks, variables })
     }
 }
 
 impl Source for AthenaPp {
-    fn format(&self) -> &'static str {
-        FORMAT.name
-    }
-
-    fn path(&self) -> &Path {
-        &self.path
-    }
-
-    fn hierarchy(&self) -> &Hierarchy {
-        &self.hierarchy
+    fn about(&self) -> &About {
+        &self.about
     }
 
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {
@@ -88,7 +80,7 @@ impl Source for AthenaPp {
 
     fn data_files(&self) -> Result<Vec<PathBuf>> {
         // The user may have named the .xdmf.
-        Ok(vec![located::data_file(&self.path)?])
+        Ok(vec![located::data_file(self.path())?])
     }
 
     fn read(
@@ -98,9 +90,7 @@ impl Source for AthenaPp {
         block: GridBlock,
         out: &mut [f64],
     ) -> Result<()> {
-        let variable = self.variables.get(field).ok_or_else(|| {
-            Error::request(format!("{}: has no field number {field}", self.path.display()))
-        })?;
+        let variable = self.variables.get(field).ok_or_else(|| self.about.no_field(field))?;
         let first = block.lo.map(|n| u64::from(n) + self.blocks.ghosts());
         let [x, y, z] = block.size.map(u64::from);
         let start = [variable.number, grid.locator, first[2], first[1], first[0]];

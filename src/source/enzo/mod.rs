@@ -22,7 +22,7 @@ use listing::ListedGrid;
 use parameters::Parameters;
 
 use super::hdf5::Pool;
-use super::{Format, GridBlock, GridRecord, Hierarchy, Source};
+use super::{About, Format, GridBlock, GridRecord, Hierarchy, Source};
 use crate::space::{Levels, MAX_OCTREE_LEVEL};
 use crate::{Error, Result};
 
@@ -61,11 +61,10 @@ enum Listing {
 
 /// An Enzo dump.
 struct Enzo {
-    path: PathBuf,
+    about: About,
     dump: Dump,
     listing: Listing,
     parameters: Parameters,
-    hierarchy: Hierarchy,
     files: Mutex<DataFiles>,
     pool: Pool,
 }
@@ -91,8 +90,8 @@ impl Enzo {
             time: parameters.time,
         };
         let files = Mutex::default();
-        let path = path.to_path_buf();
-        let mut enzo = Self { path, dump, listing, parameters, hierarchy, files, pool };
+        let about = About { format: FORMAT.name, path: path.to_path_buf(), hierarchy };
+        let mut enzo = Self { about, dump, listing, parameters, files, pool };
         enzo.find_fields(first_grids)?;
         Ok(enzo)
     }
@@ -117,9 +116,10 @@ impl Enzo {
                           nothing to read";
             return Err(Error::invalid(self.dump.parameters.display(), reason));
         }
-        self.hierarchy.fields =
+        let hierarchy = &mut self.about.hierarchy;
+        hierarchy.fields =
             names.into_iter().map(|name| fields::describe(name, &self.parameters)).collect();
-        self.hierarchy.density = fields::density(&self.hierarchy.fields);
+        hierarchy.density = fields::density(&hierarchy.fields);
         Ok(())
     }
 
@@ -131,7 +131,7 @@ impl Enzo {
         };
         number
             .and_then(|number| {
-                lattice::place(grid, &self.parameters, &self.hierarchy.levels, number)
+                lattice::place(grid, &self.parameters, &self.about.hierarchy.levels, number)
             })
             .map_err(|reason| self.listing.fault(grid.id, reason))
     }
@@ -145,16 +145,8 @@ impl Enzo {
 }
 
 impl Source for Enzo {
-    fn format(&self) -> &'static str {
-        FORMAT.name
-    }
-
-    fn path(&self) -> &Path {
-        &self.path
-    }
-
-    fn hierarchy(&self) -> &Hierarchy {
-        &self.hierarchy
+    fn about(&self) -> &About {
+        &self.about
     }
 
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {
@@ -177,7 +169,7 @@ impl Source for Enzo {
     ) -> Result<()> {
         let path = self.data_file(grid)?;
         let file = self.pool.get(&path)?;
-        let name = self.hierarchy.fields.get(field).map_or("", |field| field.name.as_str());
+        let name = self.about.field_name(field)?;
         let dataset = format!("{}/{name}", group(grid.id));
         let shape = file.dataset(&dataset)?.shape;
         let zyx = |xyz: [u32; 3]| [xyz[2], xyz[1], xyz[0]].map(u64::from);

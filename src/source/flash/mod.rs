@@ -11,13 +11,13 @@ mod made;
 mod tests;
 mod tree;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use header::Header;
 use tree::Tree;
 
 use super::hdf5::File;
-use super::{Format, GridBlock, GridRecord, Hierarchy, Source, first_named};
+use super::{About, Format, GridBlock, GridRecord, Hierarchy, Source, first_named};
 use crate::space::Levels;
 use crate::{Error, Result};
 
@@ -43,13 +43,12 @@ fn recognises(path: &Path) -> bool {
 
 /// A FLASH output.
 struct Flash {
-    path: PathBuf,
+    about: About,
     file: File,
     header: Header,
     tree: Tree,
     /// Paths of the fields' datasets.
     datasets: Vec<String>,
-    hierarchy: Hierarchy,
 }
 
 impl Flash {
@@ -63,21 +62,14 @@ impl Flash {
         let density = first_named(&fields, &["dens"]);
         let (domain, time) = (header.domain.clone(), header.time);
         let hierarchy = Hierarchy { domain, levels, fields, density, time };
-        Ok(Self { path: path.to_path_buf(), file, header, tree, datasets, hierarchy })
+        let about = About { format: FORMAT.name, path: path.to_path_buf(), hierarchy };
+        Ok(Self { about, file, header, tree, datasets })
     }
 }
 
 impl Source for Flash {
-    fn format(&self) -> &'static str {
-        FORMAT.name
-    }
-
-    fn path(&self) -> &Path {
-        &self.path
-    }
-
-    fn hierarchy(&self) -> &Hierarchy {
-        &self.hierarchy
+    fn about(&self) -> &About {
+        &self.about
     }
 
     fn for_each_grid(&self, visit: &mut dyn FnMut(GridRecord) -> Result<()>) -> Result<()> {
@@ -91,9 +83,7 @@ impl Source for Flash {
         block: GridBlock,
         out: &mut [f64],
     ) -> Result<()> {
-        let dataset = self.datasets.get(field).ok_or_else(|| {
-            Error::request(format!("{}: has no field number {field}", self.path.display()))
-        })?;
+        let dataset = self.datasets.get(field).ok_or_else(|| self.about.no_field(field))?;
         let [x, y, z] = block.lo.map(u64::from);
         let [nx, ny, nz] = block.size.map(u64::from);
         self.file.read_f64(dataset, &[grid.locator, z, y, x], &[1, nz, ny, nx], out)
