@@ -26,7 +26,13 @@ pub(super) struct Arguments {
     #[arg(long)]
     headers: bool,
     /// Memory that reading a simulation output may take, as in `256MiB`
-    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "SIZE",
+        default_value = "1GiB",
+        value_parser = size::parse,
+        allow_hyphen_values = true
+    )]
     memory: u64,
 }
 

@@ -12,7 +12,7 @@ use super::stats_file::StatsFile;
 use super::{size, values};
 use crate::cache::{Cache, Header};
 use crate::derive::Derived;
-use crate::ingest::{Options, Progress, Stage, refuse_source_files};
+use crate::ingest::{Options, Progress, Stage, refuse_files_of, refuse_source_files};
 use crate::source::Source;
 use crate::space::Decimal;
 use crate::{Error, Result, source};
@@ -34,10 +34,21 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NAME=EXPRESSION")]
     derive: Vec<String>,
     /// Memory limit
-    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "SIZE",
+        default_value = "1GiB",
+        value_parser = size::parse,
+        allow_hyphen_values = true
+    )]
     memory: u64,
     /// Threads (default: all cores)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024), allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "N",
+        value_parser = clap::value_parser!(u32).range(1..=1024),
+        allow_negative_numbers = true
+    )]
     threads: Option<u32>,
     /// The input's format: enzo, amrex, athena++, flash or athena (default: told by its content)
     #[arg(long, value_name = "NAME")]
@@ -46,7 +57,13 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "L", allow_negative_numbers = true)]
     max_level: Option<u32>,
     /// Store values with a relative error of at most this (0: lossless)
-    #[arg(long, value_name = "E", default_value_t = 0.0, value_parser = values::relative_error, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "E",
+        default_value_t = 0.0,
+        value_parser = values::relative_error,
+        allow_negative_numbers = true
+    )]
     error: f64,
     /// Leave out, in each field, cells where that field is below this: they emit and absorb nothing
     #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = values::no_nan)]
@@ -97,6 +114,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let stats_file =
         arguments.stats.as_deref().map(|path| begin_stats(&source, path)).transpose()?;
     let mut stopwatch = Stopwatch::start();
+    refuse_files_of(&arguments.input, &arguments.output)?;
     let mut hear = |stage| stopwatch.hear(stage);
     let header = ingest_with_bar(&source, &arguments.output, &options, &mut hear)?;
     if let Some(file) = stats_file {

@@ -27,24 +27,57 @@ pub(super) struct Arguments {
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Memory limit of the whole process
-    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "SIZE",
+        default_value = "1GiB",
+        value_parser = size::parse,
+        allow_hyphen_values = true
+    )]
     memory: u64,
     /// Threads (default: all cores, or as many as leave half of `--memory` to bricks)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024), allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "N",
+        value_parser = clap::value_parser!(u32).range(1..=1024),
+        allow_negative_numbers = true
+    )]
     threads: Option<u32>,
     /// Largest error: a number, or `p%` of the picture's largest value (default: the scene's)
-    #[arg(long, value_name = "T", value_parser = Tolerance::parse, allow_hyphen_values = true, conflicts_with = "fixed")]
+    #[arg(
+        long,
+        value_name = "T",
+        value_parser = Tolerance::parse,
+        allow_hyphen_values = true,
+        conflicts_with = "fixed"
+    )]
     tolerance: Option<Tolerance>,
     /// n for n×n rays a pixel, or `area` (default: the scene's)
-    #[arg(long, value_name = "N|area", value_parser = Samples::parse, allow_negative_numbers = true, conflicts_with = "fixed")]
+    #[arg(
+        long,
+        value_name = "N|area",
+        value_parser = Samples::parse,
+        allow_negative_numbers = true,
+        conflicts_with = "fixed"
+    )]
     samples: Option<Samples>,
     /// Pixels in a row and rows, as in `320x180` (default: the scene's)
-    #[arg(long, value_name = "WxH", value_parser = ImageSettings::parse_size, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "WxH",
+        value_parser = ImageSettings::parse_size,
+        allow_hyphen_values = true
+    )]
     size: Option<[u32; 2]>,
     /// For comparison, set by hand instead of by tolerance and without a bound of the error: the largest
     /// cells in pixels (0: all levels), rays along a pixel's edge, and the march's relative accuracy, as
     /// in `1,3,0.001`
-    #[arg(long, value_name = "PIXELS,RAYS,ACCURACY", value_parser = parse_fixed, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "PIXELS,RAYS,ACCURACY",
+        value_parser = parse_fixed,
+        allow_hyphen_values = true
+    )]
     fixed: Option<FixedSetting>,
     /// Load all bricks of the field before drawing, as renderers do that hold everything in memory:
     /// for comparison

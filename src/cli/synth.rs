@@ -21,7 +21,13 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NAME")]
     format: Option<String>,
     /// Cells along each axis, of all levels, over the recipe's: the same gas in larger data
-    #[arg(long, value_name = "N", default_value_t = 1.0, value_parser = values::positive, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 1.0,
+        value_parser = values::positive,
+        allow_hyphen_values = true
+    )]
     scale: f64,
 }
 

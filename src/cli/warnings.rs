@@ -27,11 +27,11 @@ pub(super) fn of_bound(Rendered { stats, film, .. }: &Rendered, cache: &Cache, s
 /// A tolerance as it was asked for, if that is a part of the picture's largest value: ` (0.1%)`.
 fn as_part(tolerance: Tolerance) -> String {
     match tolerance {
+        Tolerance::Relative(0.0) | Tolerance::Absolute(_) => String::new(),
         // As many digits as were written: times 100 it may have more.
         Tolerance::Relative(part) => format!("{:.6e}", 100.0 * part)
             .parse()
             .map_or_else(|_| String::new(), |percent: f64| format!(" ({percent}%)")),
-        Tolerance::Absolute(_) => String::new(),
     }
 }
 
@@ -113,7 +113,8 @@ fn nothing_seen(stats: &Stats, field: &CachedField, units: Units) -> String {
         format!("no leaf cell has a value of {name}")
     } else if stats.bricks_skipped_transparent < stats.bricks_in_view {
         format!(
-            "no ray met anything that shines or absorbs, which may lie between rays (see `samples`). {extrema}: see `range`, `absorption` and `emission`"
+            "no ray met anything that shines or absorbs, which may lie between rays (see `samples`). \
+             {extrema}: see `range`, `absorption` and `emission`"
         )
     } else {
         format!(

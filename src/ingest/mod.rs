@@ -47,7 +47,7 @@ use overlaps::{CUBE_EDGE, Layout};
 pub use plan::DEFAULT_MEMORY;
 use plan::{Plan, Shares};
 pub use progress::{Progress, Stage};
-pub use target::refuse_source_files;
+pub use target::{refuse_files_of, refuse_source_files};
 
 /// What to ingest, and how.
 #[derive(Debug, Clone)]

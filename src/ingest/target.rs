@@ -31,6 +31,21 @@ pub fn refuse_source_files(source: &dyn Source, target: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Refuses a target among the files of the folder that was named in place of the output that it holds.
+///
+/// # Errors
+/// A target that is such a file, and no cache.
+pub fn refuse_files_of(folder: &Path, target: &Path) -> Result<()> {
+    let is_file = std::fs::metadata(target).is_ok_and(|found| found.len() > 0);
+    if is_file && folder.is_dir() && is_beside(folder, target) && !Cache::is_cache(target) {
+        let place = target.display();
+        return Err(Error::request(format!(
+            "{place}: is one of the input's files; name another file"
+        )));
+    }
+    Ok(())
+}
+
 /// Whether `target` lies in the folder `source`, or extends its name beside it.
 fn is_beside(source: &Path, target: &Path) -> bool {
     let (Ok(source), Ok(target)) = (source.canonicalize(), target.canonicalize()) else {

@@ -152,7 +152,7 @@ impl MemoryPlan {
         let fewest = fixed
             .saturating_add(fewest_windows.saturating_mul(WINDOW_BYTES))
             .saturating_add(fewest_slots.saturating_mul(demand.slot));
-        let left = limit.checked_sub(fewest).ok_or_else(|| too_small(limit, fewest, demand))?;
+        let left = limit.checked_sub(fewest).ok_or_else(|| too_small(limit, fewest, threads))?;
         let useful = demand.index_windows.saturating_sub(fewest_windows);
         let more_windows = useful.min(left / EXTRA_SHARE / WINDOW_BYTES);
         let left = left - more_windows * WINDOW_BYTES;
@@ -215,19 +215,12 @@ fn fixed_parts(demand: &Demand) -> Vec<(&'static str, u64)> {
     ]
 }
 
-fn too_small(limit: u64, fewest: u64, demand: &Demand) -> Error {
-    let picture = Film::bytes_needed(demand.width, demand.height);
-    let advice = if picture > fewest / 2 {
-        format!(", of which the picture's own 16 bytes a pixel are {}MiB", picture / MEBIBYTE)
-    } else if demand.threads > 1 {
-        " (or use fewer --threads)".to_owned()
-    } else {
-        String::new()
-    };
+fn too_small(limit: u64, fewest: u64, threads: u64) -> Error {
+    let mebibytes = fewest.div_ceil(MEBIBYTE);
+    let advice = if threads > 1 { " (or use fewer --threads)" } else { "" };
     Error::request(format!(
-        "--memory {}MiB is too small for this picture: the smallest that works is {}MiB{advice}",
-        (limit as f64 / MEBIBYTE as f64 * 10.0).floor() / 10.0,
-        fewest.div_ceil(MEBIBYTE)
+        "--memory {limit} bytes is too small for this picture: the smallest that works is \
+         {mebibytes}MiB{advice}"
     ))
 }
 

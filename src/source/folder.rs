@@ -35,13 +35,16 @@ pub(super) fn only_output(
         listed.map(|entry| entry.map(|e| e.path()).map_err(fault)).collect::<Result<_>>()?;
     let is_whole = entries.len() <= MOST_TRIED;
     let mut found: Vec<PathBuf> = entries.into_iter().filter(|entry| is_output(entry)).collect();
+    // Links to one file are one output.
+    found.sort_by_cached_key(|file| file.canonicalize().unwrap_or_else(|_| file.clone()));
+    found.dedup_by_key(|file| file.canonicalize().unwrap_or_else(|_| file.clone()));
     found.sort();
     let refuse = |reason: String| Err(Error::request(format!("{}: {reason}", folder.display())));
     match found.as_slice() {
         [_, _, ..] => refuse(format!("holds several outputs, {}: name one", some(&found))),
-        _ if !is_whole => {
-            refuse(format!("holds more than {MOST_TRIED} files: name the output itself"))
-        }
+        _ if !is_whole => refuse(format!(
+            "holds more than {MOST_TRIED} files, too many to try: name the output itself"
+        )),
         one => Ok(one.first().cloned()),
     }
 }

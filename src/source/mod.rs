@@ -52,7 +52,7 @@ pub struct Hierarchy {
 pub struct About {
     /// The format's name, as `--format` takes it.
     pub format: &'static str,
-    /// The file or folder that the user named.
+    /// The file or folder that was opened: what the user named, or the one output in that folder.
     pub path: PathBuf,
     /// Domain, levels and fields.
     pub hierarchy: Hierarchy,
@@ -127,7 +127,7 @@ pub trait Source: Send + Sync {
         self.about().format
     }
 
-    /// The file or folder that the user named.
+    /// The file or folder that was opened.
     fn path(&self) -> &Path {
         &self.about().path
     }

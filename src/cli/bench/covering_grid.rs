@@ -40,13 +40,29 @@ pub(super) struct Arguments {
     scenes: Vec<PathBuf>,
     /// A grid's level, or several as `0..4` (repeat for more; default: from 0 while --memory has
     /// room)
-    #[arg(long, visible_alias = "levels", value_name = "L", value_parser = parse_levels, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        visible_alias = "levels",
+        value_name = "L",
+        value_parser = parse_levels,
+        allow_hyphen_values = true
+    )]
     level: Vec<(u32, u32)>,
     /// Largest error: a number, or `p%` of the picture's largest value (default: the scene's)
-    #[arg(long, value_name = "T", value_parser = values::tolerance_text, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "T",
+        value_parser = values::tolerance_text,
+        allow_hyphen_values = true
+    )]
     tolerance: Option<String>,
     /// n for n×n rays a pixel, or `area` (default: the scene's)
-    #[arg(long, value_name = "N|area", value_parser = values::samples_text, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "N|area",
+        value_parser = values::samples_text,
+        allow_negative_numbers = true
+    )]
     samples: Option<String>,
     /// Write covering-grid.csv and a plot of time for each scene to this folder too, and the scenes if
     /// none are given

@@ -20,10 +20,21 @@ pub(super) struct Arguments {
     #[arg(required = true)]
     caches: Vec<PathBuf>,
     /// Largest error: a number, or `p%` of the picture's largest value
-    #[arg(long, value_name = "T", default_value = "1%", value_parser = values::tolerance_text, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "T",
+        default_value = "1%",
+        value_parser = values::tolerance_text,
+        allow_hyphen_values = true
+    )]
     tolerance: String,
     /// Rays a pixel, n for n×n, or `area` (default: the scene's)
-    #[arg(long, value_name = "N|area", value_parser = values::samples_text, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "N|area",
+        value_parser = values::samples_text,
+        allow_negative_numbers = true
+    )]
     samples: Option<String>,
     #[command(flatten)]
     limits: Limits,

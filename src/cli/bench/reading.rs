@@ -27,7 +27,12 @@ pub(super) struct Arguments {
     /// Simulation outputs (default: one made for this in each layout that `synth` writes)
     inputs: Vec<PathBuf>,
     /// Threads that read an output (default: all cores); plain reading has one
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024), allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "N",
+        value_parser = clap::value_parser!(u32).range(1..=1024),
+        allow_negative_numbers = true
+    )]
     threads: Option<u32>,
     /// Times that everything is read; the best time counts
     #[arg(

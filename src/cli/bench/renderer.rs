@@ -16,10 +16,21 @@ use crate::{Error, Result};
 #[derive(Debug, Clone, Args)]
 pub(super) struct Limits {
     /// Memory limit of each render
-    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "SIZE",
+        default_value = "1GiB",
+        value_parser = size::parse,
+        allow_hyphen_values = true
+    )]
     pub(super) memory: u64,
     /// Threads (default: all cores)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024), allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "N",
+        value_parser = clap::value_parser!(u32).range(1..=1024),
+        allow_negative_numbers = true
+    )]
     pub(super) threads: Option<u32>,
     /// Pixels in a row and rows, as in `320x180` (default: the scene's)
     #[arg(long, value_name = "WxH", value_parser = values::size_text, allow_hyphen_values = true)]

@@ -32,7 +32,13 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "SCENE")]
     scene: Vec<PathBuf>,
     /// Memory limit of each ingest
-    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = size::parse, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "SIZE",
+        default_value = "1GiB",
+        value_parser = size::parse,
+        allow_hyphen_values = true
+    )]
     ingest_memory: u64,
     /// Where data and caches are made and removed again (default: the system's folder of
     /// temporary files)

@@ -90,10 +90,8 @@ impl Visit<'_> {
             end = DomainEnd::Edge;
         }
         let share = if span.is_some() { 0.5 } else { beam.covered.min(0.5) };
-        let outside = (rim.outside.1 - rim.outside.0) * self.ray.length;
-        let counted = if outside > most { most / outside } else { 1.0 };
         self.each_part(account, rim.outside, group.as_deref(), |account, group, segment| {
-            let length = counted * segment.length;
+            let length = segment.length.min(most);
             account.beside(group, PathSegment { length, ..segment }, share, end);
         });
         if region.ends == 0 || span.is_none() {

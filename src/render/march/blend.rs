@@ -14,8 +14,8 @@ use crate::render::camera::frame::LocalRay;
 const DEGREES: usize = 8;
 /// s⁸ is replaced by the polynomial of degree 7 closest to it over [0, 1] (s⁸ less the shifted
 /// Chebyshev polynomial T*₈ / 2¹⁵). Where there is one, its factor is the cubic term of a level whose
-/// cells are 2⁵ times as wide as the stretch is long or wider, times weights that change by 2⁻¹ to 2⁻⁵
-/// along it: 2⁻³⁰ of what that level's values differ by, and with the 2⁻¹⁵ below 2⁻⁴⁵.
+/// cells are 2⁵ times as wide as the stretch is long or wider, up to 4 · 2⁻¹⁵ of what its values differ
+/// by, times weights that change by 2⁰ to 2⁻⁴ along it: 2⁻²³, and with the 2⁻¹⁵ below 2⁻³⁷.
 const EIGHTH_POWER: [f64; DEGREES] = [
     -1.0 / 32768.0,
     128.0 / 32768.0,

@@ -8,8 +8,9 @@
 //! c·(a·o/90 + e²/180 + 0.0011·o²). For the steps let x be δ from the straight line through the
 //! nodes, which covers a range of r: δ = e·(σ² − 1/12) + o·(σ³ − σ/12) is at most D = e/6 + o/12,
 //! and nothing at the nodes, so that the rule sees the line alone. Of a step anywhere along that it
-//! is off by at most 0.0225·r·K + 0.0055·r²·C (found by trying all places, as the tests do again). To the integral δ adds
-//! what it makes behind the step, K times its own integral from there to the end, at most
+//! is off by at most 0.0225·r·K + 0.0055·r²·C (found by trying all places, as the tests do again). To
+//! the integral δ adds what it makes behind the step, K times its own integral from there to the end, at
+//! most
 //! 0.0161·e + 0.007·o, and C times that of 2(x − step)·δ, at most r·(0.0105·e + 0.0112·o), with
 //! D²·C; and where x lies on the other side than the line does, K·D·min(1, D/r) at most. All that is
 //! never more than the distance from the chord, w·K/4 + w²·C/4. So much is added, and 2d. Where

@@ -34,8 +34,9 @@ impl Sheet {
     /// Whether a ray may be off by so much itself that it does not stand for others: rays of its quarters are
     /// marched with more care, or through finer levels, should they be as well.
     fn is_off_itself(&self, found: &Found) -> bool {
-        let ErrorShares { levels, digits, quadrature, .. } = found.shares();
-        self.goal.is_some_and(|goal| levels + digits + quadrature > ALONE_SHARE * goal.tolerance)
+        let ErrorShares { levels, digits, quadrature, proxies, .. } = found.shares();
+        let off = levels + digits + quadrature + proxies;
+        self.goal.is_some_and(|goal| off > ALONE_SHARE * goal.tolerance)
     }
 
     /// Whether a pixel's neighbours say little: far more light may be in it than is known of, or pixels are
