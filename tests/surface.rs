@@ -115,6 +115,20 @@ fn a_target_stays_until_the_cache_is_whole_and_is_replaced_then() {
 }
 
 #[test]
+fn files_beside_the_one_output_of_a_folder_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets_synthetic/flash10.toml");
+    run(&[&"synth", &recipe, &"-o", &folder.path()]).done();
+    let named = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
+    let run_folder = if named.is_dir() { named } else { folder.path().to_path_buf() };
+    let settings = written(&run_folder, "flash.par", "a = 1");
+    let line = run(&[&"ingest", &run_folder, &"-o", &settings]).failed();
+    assert!(line.contains("flash.par: is one of the input's files"), "{line}");
+    assert_eq!(std::fs::read_to_string(&settings).unwrap(), "a = 1");
+    run(&[&"ingest", &run_folder, &"-o", &run_folder.join("new.dfc")]).done();
+}
+
+#[test]
 fn negative_values_of_options_are_told_as_such() {
     let set = Set::new();
     let (cache, scene) = (set.path("cache.dfc"), set.path("scene.toml"));
