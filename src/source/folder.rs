@@ -42,9 +42,9 @@ pub(super) fn only_output(
     let refuse = |reason: String| Err(Error::request(format!("{}: {reason}", folder.display())));
     match found.as_slice() {
         [_, _, ..] => refuse(format!("holds several outputs, {}: name one", some(&found))),
-        _ if !is_whole => refuse(format!(
-            "holds more than {MOST_TRIED} files, too many to try: name the output itself"
-        )),
+        _ if !is_whole => {
+            refuse(format!("holds more than {MOST_TRIED} files: name the output itself"))
+        }
         one => Ok(one.first().cloned()),
     }
 }
