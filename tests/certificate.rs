@@ -39,7 +39,7 @@ const EXACT: f64 = 1e-6;
 /// Part of the tolerance to which averages over pixels converge.
 const CONVERGED: f64 = 0.02;
 /// Largest part of the pixels whose reference may be less exact than the bound.
-const UNDECIDED: f64 = 0.05;
+const UNDECIDED: f64 = 0.1;
 /// How loose bounds of n×n rays may be: most of bound / measured in the median scene.
 const LOOSEST: f64 = 25.0;
 
