@@ -15,8 +15,13 @@ const NAMED: usize = 3;
 /// # Errors
 /// A folder that cannot be listed.
 pub(super) fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
+    first_entries(folder, usize::MAX)
+}
+
+/// The same of no more than `most` entries.
+fn first_entries(folder: &Path, most: usize) -> Result<Vec<PathBuf>> {
     let fault = |e| Error::io(folder, "cannot list the folder", e);
-    let entries = std::fs::read_dir(folder).map_err(fault)?;
+    let entries = std::fs::read_dir(folder).map_err(fault)?.take(most);
     entries.map(|entry| entry.map(|e| e.path()).map_err(fault)).collect()
 }
 
@@ -29,15 +34,13 @@ pub(super) fn only_output(
     folder: &Path,
     is_output: impl Fn(&Path) -> bool,
 ) -> Result<Option<PathBuf>> {
-    let fault = |e| Error::io(folder, "cannot list the folder", e);
-    let listed = std::fs::read_dir(folder).map_err(fault)?.take(MOST_TRIED + 1);
-    let entries: Vec<PathBuf> =
-        listed.map(|entry| entry.map(|e| e.path()).map_err(fault)).collect::<Result<_>>()?;
+    let entries = first_entries(folder, MOST_TRIED + 1)?;
     let is_whole = entries.len() <= MOST_TRIED;
     let mut found: Vec<PathBuf> = entries.into_iter().filter(|entry| is_output(entry)).collect();
     // Links to one file are one output.
-    found.sort_by_cached_key(|file| file.canonicalize().unwrap_or_else(|_| file.clone()));
-    found.dedup_by_key(|file| file.canonicalize().unwrap_or_else(|_| file.clone()));
+    let meant = |file: &Path| file.canonicalize().unwrap_or_else(|_| file.to_path_buf());
+    found.sort_by_cached_key(|file| meant(file));
+    found.dedup_by(|a, b| meant(a) == meant(b));
     found.sort();
     let refuse = |reason: String| Err(Error::request(format!("{}: {reason}", folder.display())));
     match found.as_slice() {

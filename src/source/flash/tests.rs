@@ -43,6 +43,13 @@ fn a_folder_stands_for_the_one_file_in_it() {
         let source = crate::source::open(&folder, format).unwrap();
         assert_eq!((source.format(), source.path()), ("flash", file.path().as_path()));
     }
+    // A link to it is no second output, and a copy of it is one.
+    std::os::unix::fs::symlink(file.path(), folder.join("latest")).unwrap();
+    assert!(crate::source::open(&folder, None).is_ok());
+    std::fs::copy(file.path(), folder.join("other")).unwrap();
+    let error = crate::source::open(&folder, None).err().unwrap().to_string();
+    assert!(error.contains("holds several outputs"), "{error}");
+    std::fs::remove_file(folder.join("other")).unwrap();
     // Among too many files others may be outputs as well.
     for number in 0..1001 {
         std::fs::write(folder.join(format!("log.{number}")), "").unwrap();

@@ -11,8 +11,8 @@ const MOST_OPEN: usize = 64;
 /// Bytes that open files keep of decoded values, at most; those of one file, if it keeps more.
 const MOST_CACHED: usize = 32 << 20;
 /// Files are opened afresh after this many uses, because the library remembers every object it
-/// has met (about 2 kB each) for as long as the file is open. It lists a file's groups anew then: with
-/// 64,000 grids in one, that took half of the time with a quarter as many.
+/// has met (about 2 kB each) for as long as the file is open. It lists a file's groups anew then, which
+/// takes long where one file holds many grids: the fewer uses, the more often.
 const MOST_USES: u32 = 4096;
 
 /// Open files, the longest unused closed first.
