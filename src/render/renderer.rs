@@ -19,6 +19,7 @@ use super::plan::cut::{Cut, FootprintCut};
 use super::plan::effort::Effort;
 use super::plan::goal::{Goal, Method, TileError};
 use super::plan::tree_walk::{FieldIndex, Unseen, Walk, WalkContext};
+use super::tiles::refine::Sounding;
 use super::transfer::change::Change;
 use super::transfer::pieces::{PieceList, TransferPieces};
 use super::transfer::shading::Shading;
@@ -61,6 +62,9 @@ const ATTEMPTS: u32 = 12;
 /// About so many tiles tell first whether a picture can be certified, and then so many times as many.
 const FIRST_TILES: f64 = 4.0;
 const MORE_TILES: f64 = 8.0;
+/// Few rays of each tile are marched first where a coarser cut may draw no more than this part of the
+/// bricks.
+const WORTH_SOUNDING: f64 = 0.9;
 /// Bytes that are kept for each tile of a picture.
 pub(super) const TILE_BYTES: u64 =
     (size_of::<TileError>() + size_of::<State>() + size_of::<bool>()) as u64;
@@ -140,8 +144,11 @@ impl<'s> Renderer<'s> {
         } else if pixels.has_area() {
             self.look_out(&mut goal, &effort, &transfer)?;
         }
-        let cut = goal.first_cut();
-        let census = self.census(pixels, &cut, self.pieces(&transfer))?;
+        let census = self.census(pixels, &goal.first_cut(), self.pieces(&transfer))?;
+        if !is_exact && !pixels.has_area() {
+            let coarser = self.census(pixels, &Sounding::cut(&goal), self.pieces(&transfer))?;
+            goal.sounds = (coarser.drawn as f64) < WORTH_SOUNDING * census.drawn as f64;
+        }
         let is_once = is_exact && !pixels.has_area();
         let method = if is_once {
             Method::Once { cut: Cut::FullDepth, accounts: true }

@@ -28,6 +28,14 @@ impl Cut {
             Self::FullDepth | Self::Error(_) => DrawnNeighbours::ALL,
         }
     }
+
+    /// The same cut, but one by error leaves so many times as much to bricks of `narrow` cells.
+    pub(crate) fn leaving(self, narrow: f64) -> Self {
+        match self {
+            Self::Error(cut) => Self::Error(ErrorCut { narrow, ..cut }),
+            cut => cut,
+        }
+    }
 }
 
 /// Opens bricks by which a ray's light may be off by more than a limit.
@@ -35,6 +43,8 @@ impl Cut {
 pub struct ErrorCut {
     /// The limit, in the picture's own unit.
     pub limit: f64,
+    /// How many times as much is left to a brick whose cells are narrower than a pixel.
+    pub narrow: f64,
     /// What a brick's values may be off by as they are read, likewise; none where all digits are read,
     /// whatever they make.
     pub digits: Option<f64>,

@@ -48,13 +48,20 @@ pub(crate) struct Goal {
     pub(crate) has_area: bool,
     /// Whether all levels are drawn whatever the tolerance.
     pub(crate) all_levels: bool,
+    /// Whether a few rays of each tile tell what the others begin with.
+    pub(crate) sounds: bool,
 }
 
 impl Goal {
-    /// The cut that pixels begin with.
+    /// The cut that pixels begin with where nothing is known of them.
     pub(crate) fn first_cut(&self) -> Cut {
+        self.coarser_cut(1.0)
+    }
+
+    /// The same cut, but one that leaves so many times as much to bricks of `narrow` cells.
+    pub(crate) fn coarser_cut(&self, narrow: f64) -> Cut {
         let digits = if self.has_area { FIRST_DIGITS_OF_AREAS } else { FIRST_DIGITS };
-        self.cut(FIRST_LIMIT * self.tolerance, digits * self.tolerance)
+        self.cut(FIRST_LIMIT * self.tolerance, digits * self.tolerance).leaving(narrow)
     }
 
     /// What the march of packets may be off by along a ray.
@@ -77,7 +84,7 @@ impl Goal {
             return Cut::FullDepth;
         }
         let digits = Some(digits).filter(|digits| !is_none(*digits));
-        Cut::Error(ErrorCut { limit, digits, behind: self.behind })
+        Cut::Error(ErrorCut { limit, narrow: 1.0, digits, behind: self.behind })
     }
 }
 

@@ -79,6 +79,10 @@ pub(crate) struct WalkContext<'r> {
     pub(crate) rounds: bool,
 }
 
+/// Cells that are narrower than pixels, by the smaller side of what is seen of the brick: askew, that is up
+/// to √3 times as wide as they are.
+const NARROW: f64 = 1.5;
+
 /// One piece to draw: a brick, or some octants of it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Step {
@@ -260,7 +264,11 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         match self.cut {
             Cut::FullDepth => true,
             Cut::Footprint(cut) => cut.opens(&request.place),
-            Cut::Error(cut) => transmittance * self.context.error(request, seen, cut) > cut.limit,
+            Cut::Error(cut) => {
+                let is_narrow = self.context.cell_in_pixels(&seen.footprint) <= NARROW;
+                let limit = if is_narrow { cut.narrow * cut.limit } else { cut.limit };
+                transmittance * self.context.error(request, seen, cut) > limit
+            }
         }
     }
 
@@ -396,6 +404,12 @@ impl WalkContext<'_> {
             by_slope.min(span.variation.plus(span.jumps))
         };
         self.seen_length(seen) * change.light(cut.behind)
+    }
+
+    /// How many pixels a cell of a brick with this footprint is wide, about.
+    fn cell_in_pixels(&self, footprint: &Footprint) -> f64 {
+        let across = (footprint.plane_hi - footprint.plane_lo) / self.pixels.pixel_size();
+        across.min_element() / self.header.shape.edge() as f64
     }
 
     /// The longest way of a ray through a brick, or of a pixel's rays on average.

@@ -59,7 +59,7 @@ fn by_pixels(scene: &Scene) -> Cut {
 
 /// The cut at bricks whose light may be off by this much.
 fn by_error(limit: f64) -> Cut {
-    Cut::Error(ErrorCut { limit, digits: Some(limit), behind: 1.0 })
+    Cut::Error(ErrorCut { limit, narrow: 1.0, digits: Some(limit), behind: 1.0 })
 }
 
 /// The stretches (σ from the eye or the position, code length) of ray (x, y) in the steps that

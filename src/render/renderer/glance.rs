@@ -87,6 +87,7 @@ impl Renderer<'_> {
             power: f64::INFINITY,
             has_area: self.scene.render.samples == Samples::Area,
             all_levels: is_exact,
+            sounds: false,
         }
     }
 

@@ -9,6 +9,7 @@ mod next;
 mod prospect;
 mod ray_count;
 mod rim;
+mod sounding;
 mod trial;
 
 pub(crate) use self::batch::Batch;
@@ -16,6 +17,7 @@ use self::firsts::Firsts;
 use self::next::{Next, movable};
 use self::prospect::GroupInHand;
 use self::ray_count::RayCount;
+pub(crate) use self::sounding::Sounding;
 use self::trial::Trial;
 use super::pixel::Pixel;
 use super::waiting::{Found, GROUP_PIXELS, ToDo, Urgency, Waiting};
@@ -61,6 +63,7 @@ pub(crate) struct Sheet {
     rect: PixelRect,
     finished: Vec<[f32; 4]>,
     first: Option<Batch>,
+    sounding: Option<Sounding>,
     waiting: Waiting,
     goal: Option<Goal>,
     rays: RayCount,
@@ -80,7 +83,7 @@ impl Sheet {
         + (BATCH_RAYS
             * (size_of::<Pixel>()
                 + size_of::<[f32; 4]>()
-                + 2 * size_of::<Square>()
+                + 3 * size_of::<Square>()
                 + 4 * size_of::<Found>())) as u64;
 
     /// Begins with the pixels of `rect`.
@@ -92,6 +95,7 @@ impl Sheet {
         self.rays.clear(rect.count());
         let mut squares = Vec::new();
         grid.first_squares(&rect, &mut squares);
+        self.sounding = None;
         let cut = match method {
             Method::Once { cut, .. } => {
                 self.goal = None;
@@ -99,7 +103,8 @@ impl Sheet {
             }
             Method::Within(goal) => {
                 self.goal = Some(*goal);
-                goal.first_cut()
+                self.sounding = Sounding::begin(goal, &mut squares);
+                self.sounding.as_ref().map_or_else(|| goal.first_cut(), |_| Sounding::cut(goal))
             }
         };
         self.fallen = [0.0; 2];
@@ -109,8 +114,8 @@ impl Sheet {
         let has_area = grid.has_area();
         let (again, wholes) = Default::default();
         let [care, before] = [Care::Rough; 2];
-        self.first =
-            Some(Batch { squares, cut, care, before, has_area, is_rim: false, again, wholes });
+        let first = Batch { squares, cut, care, before, has_area, is_rim: false, again, wholes };
+        self.first = Some(first);
     }
 
     /// The next rays to march; none when all pixels are known.
@@ -277,6 +282,10 @@ impl Sheet {
             self.firsts.note_rim(&outcome);
             return;
         }
+        if let Some(sounding) = self.sounding.take() {
+            self.first = Some(self.sounded(grid, sounding, batch, &outcome));
+            return;
+        }
         let mut next = Next::default();
         let alone = grid.has_area() && !batch.has_area;
         if !alone && grid.has_area() {
@@ -304,7 +313,11 @@ impl Sheet {
             let cut = match &batch.cut {
                 Cut::Error(cut) => {
                     let [levels, digits] = next.factors();
-                    goal.cut(cut.limit * levels, cut.digits.map_or(0.0, |most| most * digits))
+                    let digits = cut.digits.map_or(0.0, |most| most * digits);
+                    // What narrow cells were allowed beyond others goes first.
+                    let limit = cut.limit * (cut.narrow * levels).min(1.0);
+                    let narrow = if levels < 1.0 { 1.0 } else { cut.narrow };
+                    goal.cut(limit, digits).leaving(narrow)
                 }
                 _ => Cut::FullDepth,
             };

@@ -3,6 +3,7 @@ use std::iter::from_fn;
 use proptest::prelude::*;
 
 use super::*;
+use crate::render::plan::cut::ErrorCut;
 use crate::render::testing::scene::{scene, view};
 
 const TOLERANCE: f64 = 1e-3;
@@ -105,6 +106,7 @@ fn goal(rays_per_pixel: u64, all_levels: bool) -> Goal {
         power: 1.0,
         has_area: false,
         all_levels,
+        sounds: false,
     }
 }
 
@@ -682,4 +684,42 @@ fn squares_of_a_group_that_loses_its_prospect_are_quartered_as_a_batch_has_room(
         quartered += batch.wholes.len();
     }
     assert_eq!(quartered, 120 * 16);
+}
+
+/// How many rays are marched together, and what bricks of narrow cells are allowed for them, where such
+/// cells make rays be off by so many tolerances.
+fn batches_of_narrow_cells(off: impl Fn(&Square, f64) -> f64) -> Vec<(usize, f64)> {
+    let scene = scene("samples = 1", 64, 64);
+    let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+    let mut sheet = Sheet::default();
+    let goal = Goal { sounds: true, ..goal(u64::MAX, false) };
+    sheet.start(&grid, grid.whole(), &Method::Within(goal));
+    let mut batches = Vec::new();
+    while let Some(batch) = sheet.next(&grid) {
+        let Cut::Error(ErrorCut { narrow, .. }) = batch.cut else {
+            unreachable!("levels are left")
+        };
+        assert!(batch.squares.is_sorted_by_key(|square| square.pixel));
+        batches.push((batch.squares.len(), narrow));
+        judge_by(&mut sheet, &grid, &batch, |square| ErrorShares {
+            levels: off(square, narrow) * TOLERANCE,
+            ..ErrorShares::default()
+        });
+    }
+    assert_whole(&mut sheet);
+    assert!(sheet.error().shares.total() <= TOLERANCE);
+    batches
+}
+
+#[test]
+fn a_few_rays_tell_how_coarse_narrow_cells_may_be() {
+    assert_eq!(batches_of_narrow_cells(|_, _| 0.1), [(64, 8.0), (4032, 8.0)]);
+    let rough = |_: &Square, narrow: f64| 0.2 * narrow;
+    assert_eq!(batches_of_narrow_cells(rough), [(64, 8.0), (4096, 2.0)]);
+    // Few that miss the tolerance are marched again, by the limit that others have.
+    let seldom = |square: &Square, narrow: f64| match square.pixel % 1280 {
+        32 => 0.1 * narrow * narrow,
+        _ => 0.1,
+    };
+    assert_eq!(batches_of_narrow_cells(seldom), [(64, 8.0), (4036, 8.0), (4, 1.0)]);
 }

@@ -7,7 +7,7 @@ use crate::render::plan::cut::Cut;
 use crate::render::tiles::waiting::Found;
 
 /// The part of a pixel's error that may come from levels, of what levels and area may be off by.
-const LEVELS_SHARE: f64 = 0.5;
+pub(super) const LEVELS_SHARE: f64 = 0.5;
 /// The parts that may come from digits that are not read, and from the march of packets, likewise.
 const DIGITS_SHARE: f64 = 0.3;
 const MARCH_SHARE: f64 = 0.4;
