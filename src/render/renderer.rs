@@ -19,7 +19,6 @@ use super::plan::cut::{Cut, FootprintCut};
 use super::plan::effort::Effort;
 use super::plan::goal::{Goal, Method, TileError};
 use super::plan::tree_walk::{FieldIndex, Unseen, Walk, WalkContext};
-use super::tiles::refine::Sounding;
 use super::transfer::change::Change;
 use super::transfer::pieces::{PieceList, TransferPieces};
 use super::transfer::shading::Shading;
@@ -145,8 +144,8 @@ impl<'s> Renderer<'s> {
             self.look_out(&mut goal, &effort, &transfer)?;
         }
         let census = self.census(pixels, &goal.first_cut(), self.pieces(&transfer))?;
-        if !is_exact && !pixels.has_area() {
-            let coarser = self.census(pixels, &Sounding::cut(&goal), self.pieces(&transfer))?;
+        if !is_exact {
+            let coarser = self.census(pixels, &goal.coarsest_cut(), self.pieces(&transfer))?;
             goal.sounds = (coarser.drawn as f64) < WORTH_SOUNDING * census.drawn as f64;
         }
         let is_once = is_exact && !pixels.has_area();

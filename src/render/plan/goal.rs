@@ -18,6 +18,8 @@ const PACKETS: f64 = 0.25;
 const LEAST_OF_AREAS: f64 = 3e-5;
 /// The slowest that bounds are taken to fall: with this power of the number of rays.
 const SLOWEST: f64 = 0.05;
+/// How many times the limit bricks of narrow cells have at most.
+pub(crate) const MOST_OF_NARROW: f64 = 8.0;
 /// Cuts that allow less than this part of the goal for a brick are none.
 const SMALLEST_LIMIT: f64 = 1e-7;
 
@@ -56,6 +58,11 @@ impl Goal {
     /// The cut that pixels begin with where nothing is known of them.
     pub(crate) fn first_cut(&self) -> Cut {
         self.coarser_cut(1.0)
+    }
+
+    /// The same cut, but as coarse as it may be where cells are narrow.
+    pub(crate) fn coarsest_cut(&self) -> Cut {
+        self.coarser_cut(MOST_OF_NARROW)
     }
 
     /// The same cut, but one that leaves so many times as much to bricks of `narrow` cells.

@@ -82,6 +82,9 @@ pub(crate) struct WalkContext<'r> {
 /// Cells that are narrower than pixels, by the smaller side of what is seen of the brick: askew, that is up
 /// to √3 times as wide as they are.
 const NARROW: f64 = 1.5;
+/// Bricks of so many pixels are met by rays of all pixels that they make a part of, but at their rim. Of
+/// areas, others count by the part that they cover, and may shine between rays.
+const WIDE: f64 = 3.0;
 
 /// One piece to draw: a brick, or some octants of it.
 #[derive(Debug, Clone, Copy)]
@@ -265,7 +268,7 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
             Cut::FullDepth => true,
             Cut::Footprint(cut) => cut.opens(&request.place),
             Cut::Error(cut) => {
-                let is_narrow = self.context.cell_in_pixels(&seen.footprint) <= NARROW;
+                let is_narrow = self.context.is_narrow(&seen.footprint);
                 let limit = if is_narrow { cut.narrow * cut.limit } else { cut.limit };
                 transmittance * self.context.error(request, seen, cut) > limit
             }
@@ -406,10 +409,12 @@ impl WalkContext<'_> {
         self.seen_length(seen) * change.light(cut.behind)
     }
 
-    /// How many pixels a cell of a brick with this footprint is wide, about.
-    fn cell_in_pixels(&self, footprint: &Footprint) -> f64 {
+    /// Whether a brick with this footprint has narrow cells of which rays tell enough.
+    fn is_narrow(&self, footprint: &Footprint) -> bool {
         let across = (footprint.plane_hi - footprint.plane_lo) / self.pixels.pixel_size();
-        across.min_element() / self.header.shape.edge() as f64
+        let brick = across.min_element();
+        let is_met = !self.pixels.has_area() || brick >= WIDE;
+        is_met && brick <= NARROW * self.header.shape.edge() as f64
     }
 
     /// The longest way of a ray through a brick, or of a pixel's rays on average.

@@ -17,7 +17,7 @@ use self::firsts::Firsts;
 use self::next::{Next, movable};
 use self::prospect::GroupInHand;
 use self::ray_count::RayCount;
-pub(crate) use self::sounding::Sounding;
+use self::sounding::Sounding;
 use self::trial::Trial;
 use super::pixel::Pixel;
 use super::waiting::{Found, GROUP_PIXELS, ToDo, Urgency, Waiting};
@@ -104,7 +104,7 @@ impl Sheet {
             Method::Within(goal) => {
                 self.goal = Some(*goal);
                 self.sounding = Sounding::begin(goal, &mut squares);
-                self.sounding.as_ref().map_or_else(|| goal.first_cut(), |_| Sounding::cut(goal))
+                self.sounding.as_ref().map_or_else(|| goal.first_cut(), |_| goal.coarsest_cut())
             }
         };
         self.fallen = [0.0; 2];
