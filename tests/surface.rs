@@ -209,6 +209,29 @@ fn info_says_where_a_field_is_largest() {
 }
 
 #[test]
+fn info_tells_of_the_fields_that_can_be_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let run_folder = folder.path().join("run");
+    let recipe = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets_synthetic/one_level.toml");
+    run(&[&"synth", &recipe, &"-o", &run_folder, &"--format=athena"]).done();
+    let file = run_folder.join("DD0100/id0/DD0100.0000.vtk");
+    let mut bytes = std::fs::read(&file).unwrap();
+    let title = b"SCALARS density float\nLOOKUP_TABLE default\n";
+    let at = bytes.windows(title.len()).position(|window| window == title).unwrap() + title.len();
+    bytes[at..at + 4].copy_from_slice(&f32::INFINITY.to_be_bytes());
+    std::fs::write(&file, bytes).unwrap();
+    let Ended { code, stdout, stderr, .. } = run(&[&"info", &file, &"--json"]);
+    assert!(code == Some(0) && stderr.contains("density is left out: "), "{stderr}");
+    let facts: Value = serde_json::from_str(&stdout).unwrap();
+    let names: Vec<_> = facts["fields"].as_array().unwrap().iter().map(|f| &f["name"]).collect();
+    assert!(names.iter().any(|name| *name == "velocity_x"), "{names:?}");
+    assert!(names.iter().all(|name| *name != "density"), "{names:?}");
+    let left_out = &facts["unreadable_fields"][0];
+    assert_eq!(left_out["name"], "density");
+    assert!(left_out["reason"].as_str().unwrap().contains("is infinite"), "{left_out}");
+}
+
+#[test]
 fn an_empty_picture_and_a_missed_tolerance_are_told_in_the_scenes_terms() {
     let set = Set::new();
     let text = std::fs::read_to_string(&set.source).unwrap();

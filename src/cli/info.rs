@@ -54,8 +54,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         if arguments.headers {
             super::headers::facts(source.as_ref(), &arguments.input)?
         } else {
-            let header = survey(source.as_ref(), arguments.memory)?;
-            facts(&header, &arguments.input, &json!("simulation output"))
+            let (header, unreadable) = survey(source.as_ref(), arguments.memory)?;
+            let mut facts = facts(&header, &arguments.input, &json!("simulation output"));
+            if !unreadable.is_empty() {
+                facts["unreadable_fields"] = json!(unreadable);
+            }
+            facts
         }
     };
     let mut output = Output::new();
@@ -68,10 +72,34 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     output.finish()
 }
 
-/// Reads all fields of a source: extrema and sums over leaf cells are not in its headers.
-fn survey(source: &dyn Source, memory: u64) -> Result<Header> {
-    let fields = source.hierarchy().fields.iter().map(|field| field.name.clone());
-    let options = Options { fields: fields.collect(), memory, ..Options::default() };
+/// Reads all fields of a source that can be read, and says of the others why they are left out: extrema
+/// and sums over leaf cells are not in its headers.
+fn survey(source: &dyn Source, memory: u64) -> Result<(Header, Vec<Value>)> {
+    let names: Vec<_> = source.hierarchy().fields.iter().map(|field| field.name.clone()).collect();
+    let first = match survey_fields(source, memory, &names) {
+        Ok(header) => return Ok((header, Vec::new())),
+        Err(error) => error,
+    };
+    let (mut readable, mut unreadable) = (Vec::new(), Vec::new());
+    for name in names {
+        match survey_fields(source, memory, std::slice::from_ref(&name)) {
+            Ok(_) => readable.push(name),
+            Err(error) => unreadable.push((name, error.to_string())),
+        }
+    }
+    if readable.is_empty() {
+        return Err(first);
+    }
+    let header = survey_fields(source, memory, &readable)?;
+    for (name, reason) in &unreadable {
+        warn(format!("{name} is left out: {reason}"));
+    }
+    let left_out = |(name, reason)| json!({ "name": name, "reason": reason });
+    Ok((header, unreadable.into_iter().map(left_out).collect()))
+}
+
+fn survey_fields(source: &dyn Source, memory: u64, fields: &[String]) -> Result<Header> {
+    let options = Options { fields: fields.to_vec(), memory, ..Options::default() };
     let bar = Bar::new("reading", "bricks");
     let mut listener = |stage, done, total| bar.show(ingest::label(stage), done, total);
     let mut progress = Progress::new(&mut listener);

@@ -11,5 +11,5 @@ pub(super) fn to_limit(source: &dyn Source, field: usize, bounded: fn(&str) -> S
         return format!("limit its own expression, as in --derive '{name} = {}'", bounded("…"));
     }
     let limited = bounded(&format!("{{{name}}}"));
-    format!("limit them, as in --derive 'limited = {limited}' --field limited")
+    format!("limit them as you ingest, as in --derive 'limited = {limited}' --field limited")
 }

@@ -16,6 +16,9 @@ const PRINTED_DIGITS: i32 = 6;
 /// Relative error of edges and widths of cells in builds that compute with 32-bit floats.
 const SINGLE_PRECISION: f64 = 1e-6;
 
+/// How the names of nodes' displacements begin.
+const DISPLACEMENT: &str = "amrexvec_nu";
+
 /// What the `Header` says.
 #[derive(Debug)]
 pub(super) struct Header {
@@ -87,8 +90,8 @@ fn float(text: &str) -> Option<f64> {
 }
 
 impl Header {
-    /// Reads the `Header` at `path`. What follows the levels is left alone: codes append lines
-    /// of their own there.
+    /// Reads the `Header` at `path`. What follows the levels is left alone, but for
+    /// displaced nodes: codes append lines of their own there.
     ///
     /// # Errors
     /// A file that cannot be read, is malformed or contradicts itself, and runs that are not
@@ -122,9 +125,12 @@ impl Header {
         }
         check_coordinates(&mut lines, path)?;
         lines.expect("the boundary's width")?;
-        let grids: Result<_> = (0..=finest).map(|level| level_grids(&mut lines, level)).collect();
+        let grids: Result<Vec<_>> =
+            (0..=finest).map(|level| level_grids(&mut lines, level)).collect();
+        let grids = grids?;
+        check_mapping(&mut lines, path)?;
         let time = Some(time).filter(|time| time.is_finite());
-        Ok(Self { components, time, domain, levels, extents, grids: grids? })
+        Ok(Self { components, time, domain, levels, extents, grids })
     }
 }
 
@@ -233,6 +239,23 @@ fn check_coordinates(lines: &mut Lines, path: &Path) -> Result<()> {
             name.unwrap_or(&"")
         );
         return Err(Error::not_supported(path.display(), reason));
+    }
+    Ok(())
+}
+
+/// Refuses cells whose corners are displaced, as ERF and REMORA write of a mesh that follows terrain: a
+/// number of fields at nodes, that of their components, and these components' names.
+fn check_mapping(lines: &mut Lines, path: &Path) -> Result<()> {
+    const LINES_BEFORE_NAMES: usize = 2;
+    for _ in 0..=LINES_BEFORE_NAMES {
+        let Ok(Some(line)) = lines.next() else { return Ok(()) };
+        if line.trim_start().starts_with(DISPLACEMENT) {
+            let reason = format!(
+                "`{}`: a mesh that follows terrain; only uniform Cartesian meshes can be read",
+                shown(line.trim())
+            );
+            return Err(Error::not_supported(path.display(), reason));
+        }
     }
     Ok(())
 }

@@ -119,6 +119,11 @@ fn headers_that_do_not_fit_are_named() {
         ("\n0 2 1.5", "\n1 2 1.5", "where level 0 and its number of grids"),
         ("\n0 2 1.5", "\n0 3 1.5", "where a grid's edges"),
         ("\n2 1 1.5", "\n2 9 1.5", "where a grid's edges"),
+        (
+            "Level_2/Cell\n",
+            "Level_2/Cell\n1\n3\namrexvec_nu_x\namrexvec_nu_y\namrexvec_nu_z\nLevel_0/Nu_nd\n",
+            "`amrexvec_nu_x`: a mesh that follows terrain",
+        ),
         ("Level_1/Cell", "../x/Cell", "no path inside the plotfile"),
         ("Level_1/Cell", "Level_1/State", "Level_1/State_H: cannot open"),
     ] {

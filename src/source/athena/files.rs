@@ -41,18 +41,31 @@ fn split(path: &Path) -> Option<(String, &str, &str)> {
 }
 
 /// The run's name in `base`, without the parts that Athena appends: it numbers neither the first
-/// process, nor the root level, nor a level's first domain.
+/// process, nor the root level, nor a level's first domain, but for levels that follow on one of several
+/// domains, whose number some versions keep.
 fn without_parts<'a>(base: &'a str, path: &Path) -> &'a str {
     let folder = path.parent().unwrap_or(Path::new(""));
     let level = numbered(folder, "lev");
     // Files are opened only where neither name nor folder tells.
     let is_open =
-        ends_with_number(base, "-dom") || level.is_none() && ends_with_number(base, "-lev");
+        level.is_none() && (ends_with_number(base, "-dom") || ends_with_number(base, "-lev"));
     let title = if is_open { Title::of(path) } else { None };
     let level = level.or(title.map(|title| title.level.into()));
-    let base = without(base, "-dom", title.map(|title| title.domain.into()));
-    let base = without(base, "-lev", level);
+    let base = match level.filter(|level| *level > 0) {
+        Some(level) => without_level(base, level),
+        None => {
+            let base = without(base, "-dom", title.map(|title| title.domain.into()));
+            without(base, "-lev", level)
+        }
+    };
     without(base, "-id", process(path))
+}
+
+/// `base` without the parts of a file of `level`, whose domain's number is not always its own.
+fn without_level(base: &str, level: u64) -> &str {
+    let whole = without(base, "-dom", None);
+    let before = without(whole, "-lev", Some(level));
+    if before.len() < whole.len() { before } else { without(base, "-lev", Some(level)) }
 }
 
 fn ends_with_number(base: &str, part: &str) -> bool {
@@ -268,6 +281,7 @@ mod tests {
             ("B-dom1.0001.vtk", 0, 0),
             ("lev1/B-dom1-lev1.0001.vtk", 1, 0),
             ("lev1/B-dom1-lev1-dom1.0001.vtk", 1, 1),
+            ("lev2/B-dom1-lev2-dom1.0001.vtk", 2, 0),
             ("C-lev1.0001.vtk", 0, 0),
             ("lev1/C-lev1-lev1.0001.vtk", 1, 0),
         ] {
@@ -276,7 +290,7 @@ mod tests {
             let title = format!("PRIMITIVE vars at time= 0, level= {level}, domain= {domain}");
             std::fs::write(&file, format!("# vtk DataFile Version 2.0\n{title}\n")).unwrap();
         }
-        for (name, files) in [("B-dom1.0001.vtk", 3), ("C-lev1.0001.vtk", 2)] {
+        for (name, files) in [("B-dom1.0001.vtk", 4), ("C-lev1.0001.vtk", 2)] {
             assert_eq!(of_output(&run.path().join(name)).unwrap().own.len(), files, "{name}");
         }
     }

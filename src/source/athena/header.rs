@@ -206,7 +206,7 @@ fn cells(points: [u32; 3], count: u64) -> Result<[u32; 3], String> {
         .ok_or_else(|| format!("DIMENSIONS {points:?} do not make the CELL_DATA's {count} cells"))
 }
 
-/// A variable of a file: numbers or vectors.
+/// A variable of a file: numbers, vectors or tensors.
 #[derive(Debug, Clone)]
 pub(super) struct Variable {
     name: String,
@@ -216,9 +216,15 @@ pub(super) struct Variable {
 impl Variable {
     /// Names of the fields that the variable's numbers are.
     pub(super) fn fields(&self) -> Vec<String> {
+        const AXES: [&str; 3] = ["x", "y", "z"];
+        let named = |part: &str| format!("{}_{part}", self.name);
         match self.array.per_cell {
             1 => vec![self.name.clone()],
-            _ => ["x", "y", "z"].map(|axis| format!("{}_{axis}", self.name)).to_vec(),
+            3 => AXES.map(named).to_vec(),
+            _ => AXES
+                .iter()
+                .flat_map(|row| AXES.map(|axis| named(&format!("{row}{axis}"))))
+                .collect(),
         }
     }
 }
@@ -271,12 +277,14 @@ fn variable(bytes: &[u8], at: u64, shape: [u32; 3]) -> Result<Option<(String, Ra
         rest = &rest[end + 1..];
         Some(line)
     };
-    let title = line().ok_or("no SCALARS or VECTORS follow: is the file truncated?")?;
-    let malformed = || format!("`{}` where SCALARS or VECTORS should stand", shown(&title));
+    let title = line().ok_or("no SCALARS, VECTORS or TENSORS follow: is the file truncated?")?;
+    let malformed =
+        || format!("`{}` where SCALARS, VECTORS or TENSORS should stand", shown(&title));
     let words: Vec<&str> = title.split_whitespace().collect();
     let per_cell = match words.as_slice() {
         ["SCALARS", _, _] | ["SCALARS", _, _, "1"] => 1,
         ["VECTORS", _, _] => 3,
+        ["TENSORS", _, _] => 9,
         _ => return Err(malformed()),
     };
     let is_table = |line: String| line.split_whitespace().next() == Some("LOOKUP_TABLE");

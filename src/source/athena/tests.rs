@@ -66,6 +66,11 @@ impl Made {
             bytes.extend((0..*cells).flat_map(parts));
             bytes.extend(b"\nSCALARS scalar[0] double 1\nLOOKUP_TABLE default\n");
             bytes.extend((0..*cells).flat_map(|cell| f64::from(value(4, cell)).to_be_bytes()));
+            bytes.extend(b"\nTENSORS Edd_tensor float\n");
+            let parts = |cell| {
+                [5, 6, 7, 8, 9, 5, 6, 7, 8].map(|part| value(part, cell).to_be_bytes()).concat()
+            };
+            bytes.extend((0..*cells).flat_map(parts));
             let path = self.folder.path().join(name);
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();
             std::fs::write(path, bytes).unwrap();
@@ -103,8 +108,13 @@ fn domains_of_all_levels_and_processes_are_found() {
         Domain::new([-1.0, 0.0, 0.0], [1.0, 3.0, 2.0], [4, 6, 8]).unwrap()
     );
     let names: Vec<&str> = hierarchy.fields.iter().map(|field| field.name.as_str()).collect();
-    assert_eq!(names, ["density", "velocity_x", "velocity_y", "velocity_z", "scalar[0]"]);
-    for field in 0..5 {
+    let scalars = ["density", "velocity_x", "velocity_y", "velocity_z", "scalar[0]"];
+    assert_eq!((&names[..5], names.len()), (&scalars[..], 14));
+    assert_eq!(
+        (names[5], names[6], names[13]),
+        ("Edd_tensor_xx", "Edd_tensor_xy", "Edd_tensor_zz")
+    );
+    for field in 0..10 {
         for (grid, values) in made.read(field).unwrap() {
             let number = match (grid.level, grid.lo, grid.size) {
                 (0, [0, 0, 0], [2, 6, 8]) => 0,

@@ -11,8 +11,9 @@ use crate::render::plan::cut::Cut;
 use crate::render::plan::goal::{Goal, MOST_OF_NARROW};
 use crate::render::tiles::waiting::Found;
 
-/// Where there are so many rays, one pixel in so many is drawn first.
-const FIRST: [(usize, usize); 2] = [(1024, 64), (256, 16)];
+/// One pixel in so many is drawn first, where there are so many rays.
+const ONE_IN: usize = 64;
+const FEWEST_RAYS: usize = 1024;
 /// The part of the pixels drawn first that may need more than a first batch. Each ray that does reads
 /// bricks for itself, in small pictures all of those that its neighbours spare.
 const MISSING: f64 = 1.0 / 48.0;
@@ -25,11 +26,10 @@ pub(super) struct Sounding {
 impl Sounding {
     /// Leaves of `squares` those that are marched first, if that is worthwhile.
     pub(super) fn begin(goal: &Goal, squares: &mut Vec<Square>) -> Option<Self> {
-        let (_, one_in) = FIRST.into_iter().find(|(rays, _)| squares.len() >= *rays)?;
-        if !goal.sounds {
+        if !goal.sounds || squares.len() < FEWEST_RAYS {
             return None;
         }
-        let is_first = |square: &Square| usize::from(square.pixel) % one_in == one_in / 2;
+        let is_first = |square: &Square| usize::from(square.pixel) % ONE_IN == ONE_IN / 2;
         let others: Vec<_> = squares.iter().filter(|square| !is_first(square)).copied().collect();
         if others.len() == squares.len() {
             return None;
