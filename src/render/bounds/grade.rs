@@ -175,9 +175,11 @@ impl Grades {
         });
         self.fit = self.rates.iter().filter(|rate| **rate != UNFIT).count();
         self.fill_levels(relief, hides, transfer);
-        let (most, slope) = (relief.whole.storage.most(), relief.whole.storage.slope());
+        let is_elsewhere = hides || has_squares;
+        let whole = relief.whole.storage(is_elsewhere);
+        let (most, slope) = (whole.most(), whole.slope());
         let rows = (0..count).map(|n| {
-            let [a, b, c, d] = stored(relief.group(n), slope, &transfer.table);
+            let [a, b, c, d] = stored(relief.group(n), is_elsewhere, slope, &transfer.table);
             let levels = self.levels.get(n).copied().unwrap_or(0);
             let mut row = [a, b, c, d, 0.0, 0.0, 0.0, 0.0];
             row[RATE] = f32::from_bits(self.rates[n]);
@@ -282,7 +284,7 @@ pub(crate) const RELIEF_STORED: usize = 7;
 fn row(group: &Group, table: &TransferTable) -> [f32; 8] {
     let ([x, y, z], [p, q, r]) = (group.slope, group.uneven);
     let mut row = [x, y, z, p, q, r, group.high - group.low, 0.0].map(up);
-    row[RELIEF_STORED] = f32::from_bits(pack(group.most_stored(), table));
+    row[RELIEF_STORED] = f32::from_bits(pack(group.most_stored(true), table));
     row
 }
 
@@ -291,7 +293,7 @@ fn cell_row(group: &Group, table: &TransferTable) -> [f32; 8] {
     let [emission, extinction] = relative(group.elsewhere(), table);
     let mut row = [0.0; 8];
     (row[0], row[1]) = (up(emission.min(MOST_STORED)), up(extinction.min(MOST_STORED)));
-    row[RELIEF_STORED] = f32::from_bits(pack(group.most_stored(), table));
+    row[RELIEF_STORED] = f32::from_bits(pack(group.most_stored(true), table));
     row
 }
 
@@ -310,7 +312,7 @@ struct Grader<'g> {
 impl Grader<'_> {
     /// The values of a group, and what they may be in truth.
     fn range(&self, group: &Group) -> [f64; 2] {
-        let reach = self.reach + group.storage.most();
+        let reach = self.reach + group.storage(true).most();
         [group.low - reach, group.high + reach]
     }
 
@@ -365,10 +367,11 @@ impl Grader<'_> {
 
 /// The first numbers of a row of `packet::PacketBrick::rows`, where what values make of x grows
 /// by so much a unit of it in all groups.
-fn stored(group: &Group, slope: f64, table: &TransferTable) -> [f32; 4] {
-    let most = group.storage.most();
-    let [emission, extinction] = relative(group.most_stored(), table);
-    let base = group.storage.base_for(slope, group.low);
+fn stored(group: &Group, is_elsewhere: bool, slope: f64, table: &TransferTable) -> [f32; 4] {
+    let storage = group.storage(is_elsewhere);
+    let most = storage.most();
+    let [emission, extinction] = relative(group.most_stored(is_elsewhere), table);
+    let base = storage.base_for(slope, group.low);
     // Adding the slope's share to it rounds.
     let base = base + BASE_ROUNDING * base.abs();
     [emission, extinction, most, base].map(|x| up(x.min(MOST_STORED)))

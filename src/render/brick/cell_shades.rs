@@ -44,7 +44,7 @@ impl CellShades {
             let (y, z) = (n % edge, n / edge);
             let first = block.at([1, y + 1, z + 1]);
             for (i, &x) in block.values[first..][..edge].iter().enumerate() {
-                let reach = relief.group_at([i, y, z]).storage.up_to(x);
+                let reach = relief.group_at([i, y, z]).storage(false).up_to(x);
                 let Some(stored) = storage(pieces, x, reach) else { return self.clear() };
                 let off = [stored.emission / scales[0], stored.extinction / scales[1]];
                 self.storages.push(two_halves(off));

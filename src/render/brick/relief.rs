@@ -31,8 +31,11 @@ pub(crate) struct Group {
     pub(crate) levels: Change,
     /// In a thinner brick, a bound of the difference of x to that of the brick that it is made of.
     pub(crate) thinned: f64,
-    /// Difference of x to that of the source's values, and its rounding.
-    pub(crate) storage: Storage,
+    /// Difference of x to that of the source's values, and its rounding, where these may be others:
+    /// beneath.
+    storage: Storage,
+    /// The same where they are those of the group itself.
+    own_storage: Storage,
     /// What the transfer function does over the range, and as far beyond it as the source's values may
     /// be, and those beneath where these are near: others of a square may meet steps there.
     pub(crate) span: Span,
@@ -151,6 +154,7 @@ impl Relief {
             let most = |number: fn(&Group) -> f64| finer.most_beneath(n, self.side, number);
             group.thinned = off + most(|group| group.thinned);
             group.storage = Storage::at_most(most(|group| group.storage.most()));
+            group.own_storage = Storage::at_most(most(|group| group.own_storage.most()));
             group.low -= group.thinned;
             group.high += group.thinned;
             group.span = over(group);
@@ -246,9 +250,16 @@ impl Group {
         self.span.variation.plus(self.span.jumps).max(self.border())
     }
 
-    /// What stored values make of emission and extinction, at most.
-    pub(crate) fn most_stored(&self) -> Change {
-        self.span.slope.times(self.storage.most())
+    /// Difference of x to that of the source's values; `is_elsewhere`: which may be others, beneath or
+    /// along other rays.
+    #[inline]
+    pub(crate) fn storage(&self, is_elsewhere: bool) -> Storage {
+        if is_elsewhere { self.storage } else { self.own_storage }
+    }
+
+    /// What such stored values make of emission and extinction, at most.
+    pub(crate) fn most_stored(&self, is_elsewhere: bool) -> Change {
+        self.span.slope.times(self.storage(is_elsewhere).most())
     }
 
     /// Makes of it what holds for `other` as well.
@@ -261,6 +272,7 @@ impl Group {
         self.levels = self.levels.max(other.levels);
         self.thinned = self.thinned.max(other.thinned);
         self.storage = self.storage.max(other.storage);
+        self.own_storage = self.own_storage.max(other.own_storage);
         self.span = self.span.max(other.span);
         self.has_void |= other.has_void;
         self.fills_void |= other.fills_void;
@@ -289,14 +301,20 @@ impl GroupBuilder<'_> {
             return group;
         }
         let Distance { residual, fills_void, tree, storage, leaf_storage, .. } = *self.distance;
-        let has_children = (residual > 0.0 || fills_void) && self.has_children(first);
-        // What lies beneath is off by parts of its own values; averages take part beside borders.
-        let beneath = if has_children { residual } else { 0.0 };
-        let holds_averages = of_group.holds_averages || has_children;
-        let stored = if holds_averages { storage } else { leaf_storage };
+        let has_children = (residual > 0.0 || fills_void) && self.has_children(first, 1);
         let is_constant = self.brick.is_piecewise_constant();
         let of = if is_constant { Storage::of_cells } else { Storage::new };
-        group.storage = of(&stored, [group.low, group.high], beneath, tree);
+        let stored = if of_group.holds_averages { storage } else { leaf_storage };
+        let own = of(&stored, [group.low, group.high], 0.0, tree);
+        group.storage = if has_children {
+            // What lies beneath is off by parts of its own values; averages take part beside borders.
+            of(&storage, [group.low, group.high], residual, tree)
+        } else {
+            own
+        };
+        // Constant cells do not tell whether they stand for what lies beneath.
+        let stands = is_constant && has_children && self.has_children(first, 0);
+        group.own_storage = if stands { group.storage } else { own };
         group.span =
             self.span(&group, if has_children { self.distance.near_beneath() } else { 0.0 });
         group.fills_void = has_children && fills_void;
@@ -304,12 +322,11 @@ impl GroupBuilder<'_> {
             let [low, high] = [tree[0].min(group.low), tree[1].max(group.high)];
             group.levels = self.pieces.over(low, high).most;
         } else if has_children {
-            group.levels =
-                if self.brick.is_piecewise_constant() || residual.is_nan() || residual >= FAR {
-                    self.far_change(&group)
-                } else {
-                    self.change(&group, residual)
-                };
+            group.levels = if is_constant || residual.is_nan() || residual >= FAR {
+                self.far_change(&group)
+            } else {
+                self.change(&group, residual)
+            };
         }
         group
     }
@@ -334,11 +351,12 @@ impl GroupBuilder<'_> {
         by_slope.min(span.variation.plus(span.jumps))
     }
 
-    /// Whether an octant that the group reaches into has a child.
-    fn has_children(&self, first: [usize; 3]) -> bool {
+    /// Whether an octant that the group, or what lies up to so many cells around it, reaches into has a
+    /// child.
+    fn has_children(&self, first: [usize; 3], around: usize) -> bool {
         let half = self.brick.edge / 2;
         let reaches = |a: usize, upper: bool| {
-            if upper { first[a] + GROUP_EDGE >= half } else { first[a] <= half }
+            if upper { first[a] + GROUP_EDGE + around > half } else { first[a] < half + around }
         };
         (0..8u8).any(|octant| {
             self.distance.child_mask >> octant & 1 == 1

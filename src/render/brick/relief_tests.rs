@@ -6,7 +6,7 @@ use crate::render::brick::interpolant::DrawnNeighbours;
 use crate::render::march::ray_tests::smooth;
 use crate::render::testing::data::{TestData, UNTIDY_BRICKS, rough};
 use crate::render::transfer::pieces::TransferPieces;
-use crate::scene::Interpolation;
+use crate::scene::{FieldExtrema, Interpolation, Mapping, Scale};
 
 const EDGE: usize = 8;
 /// Far apart from cell to cell, as logarithms are.
@@ -147,5 +147,34 @@ fn constant_cells_near_a_place_are_those_within_reach_of_it() {
     // The cell from 2 to 3.
     for (x, high) in [(3.6, 1.0), (1.4, 1.0), (6.5, 0.0)] {
         assert_eq!(brick.relief.near([x, 2.0, 2.0], 0.8, 0.8).high, high, "{x}");
+    }
+}
+
+/// Beside an octant with a child, whose values are a million times as large.
+#[test]
+fn values_beneath_are_off_where_they_are_stood_for_alone() {
+    let extrema = FieldExtrema { minimum: 0.0, maximum: 1.0, smallest_positive: Some(1e-6) };
+    let mapping = Mapping::new(Scale::Linear, Some([0.0, 1.0]), extrema, 1.0).unwrap();
+    let rounding = mapping.rounding(6e-8, 0.0);
+    let distance = Distance {
+        residual: 0.5,
+        child_mask: 1 << 7,
+        storage: rounding,
+        leaf_storage: rounding,
+        ..Distance::none([0.0, 1.0])
+    };
+    let data = TestData::one_level(|_, _| 1e-6);
+    let pieces = TransferPieces::new(&smooth(), |_| 0.0).all;
+    for interpolation in [Interpolation::Cell, Interpolation::Linear] {
+        let mut brick = data.brick(0, [1, 0, 1], EDGE as u32, interpolation);
+        brick.survey(&pieces, &distance, &mut Surveyor::default());
+        let most = |cell: [usize; 3], is_elsewhere: bool| {
+            brick.relief.group_at(cell).storage(is_elsewhere).most()
+        };
+        assert!(most([0; 3], false) < 1e-12, "its own: {:e}", most([0; 3], false));
+        assert!(most([0; 3], true) > 2e-8, "beside it: {:e}", most([0; 3], true));
+        // Constant cells of an octant with a child may stand for what lies beneath.
+        let stands = interpolation == Interpolation::Cell;
+        assert_eq!(most([EDGE - 1; 3], false) > 2e-8, stands, "{interpolation:?}");
     }
 }

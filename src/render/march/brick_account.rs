@@ -107,7 +107,7 @@ impl<'a> BrickAccount<'a> {
         self.error.farthest = self.error.farthest.plus(sums);
         let segment = PathSegment { length: mean, ..segment };
         self.error.uneven = self.error.uneven.plus(segment.sums(change));
-        self.add_stored(self.group().most_stored(), segment, 1.0);
+        self.add_stored(self.group().most_stored(true), segment, 1.0);
     }
 
     /// Adds what stored values make of what others see over a `segment`, which are a `share` of the square.
@@ -159,10 +159,11 @@ impl<'a> BrickAccount<'a> {
     /// How far from this ray's values steps of the transfer function are looked for.
     fn reach(&self) -> Reach {
         let levels = if self.hides { self.relief.levels_reach } else { 0.0 };
+        let is_elsewhere = self.hides || self.is_spread();
         Reach {
             others: self.shift.reach + levels,
-            storage: self.group().storage,
-            is_elsewhere: self.hides || self.is_spread(),
+            storage: self.group().storage(is_elsewhere),
+            is_elsewhere,
         }
     }
 
@@ -249,7 +250,7 @@ impl<'a> BrickAccount<'a> {
         end: DomainEnd,
     ) {
         let most = group.span.most;
-        self.add_stored(group.most_stored(), segment, share);
+        self.add_stored(group.most_stored(true), segment, share);
         let along = if let DomainEnd::Face(along) = end { along } else { [0.0; 3] };
         let mut change = self.change_beside(group, along);
         if self.hides {
@@ -286,7 +287,7 @@ impl<'a> BrickAccount<'a> {
         share: f64,
         end: DomainEnd,
     ) {
-        self.add_stored(group.most_stored(), segment, share);
+        self.add_stored(group.most_stored(true), segment, share);
         if let DomainEnd::Face(along) = end {
             let change = self.change_beside(group, along);
             self.add_face(group, change.times(2.0), segment, share);
