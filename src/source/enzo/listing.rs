@@ -58,6 +58,35 @@ pub(super) struct ListedGrid {
     pub(super) right: [Edge; 3],
     /// The data file's name, as written.
     pub(super) file: String,
+    /// Whether particles lie in the grid.
+    pub(super) has_particles: bool,
+}
+
+/// Grids of one level that tell what fields there are.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Samples {
+    /// The first.
+    pub(super) first: Option<ListedGrid>,
+    /// The first in which particles lie.
+    pub(super) with_particles: Option<ListedGrid>,
+    /// How many have been looked at.
+    looked_at: u32,
+}
+
+impl Samples {
+    /// Looks at a grid.
+    pub(super) fn look_at(&mut self, grid: ListedGrid) {
+        self.looked_at = self.looked_at.saturating_add(1);
+        if grid.has_particles && self.with_particles.is_none() {
+            self.with_particles = Some(grid.clone());
+        }
+        self.first.get_or_insert(grid);
+    }
+
+    /// Whether another grid may tell more, of the first `most`.
+    pub(super) fn want_more(&self, most: u32) -> bool {
+        self.with_particles.is_none() && self.looked_at < most
+    }
 }
 
 impl ListedGrid {

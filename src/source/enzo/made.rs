@@ -23,6 +23,8 @@ pub(super) struct MadeDump {
     pub(super) folder: tempfile::TempDir,
     pub(super) parameters: String,
     pub(super) grids: Vec<Made>,
+    /// The grids that particles lie in, and that therefore have dark matter.
+    pub(super) with_particles: Vec<usize>,
 }
 
 impl MadeDump {
@@ -40,6 +42,7 @@ impl MadeDump {
             folder: tempfile::tempdir().unwrap(),
             parameters: parameters.into(),
             grids: vec![root, fine, finest],
+            with_particles: Vec::new(),
         }
     }
 
@@ -56,7 +59,7 @@ impl MadeDump {
                 text,
                 "\nGrid = {id}\nGridRank = 3\nGridStartIndex = 3 3 3\n\
                  GridEndIndex = {} {} {}\nGridLeftEdge = {}\nGridRightEdge = {}\n\
-                 BaryonFileName = ./run/DD1.cpu0000\n\
+                 BaryonFileName = ./run/DD1.cpu0000\nNumberOfParticles = {}\n\
                  Pointer: Grid[{id}]->NextGridNextLevel = 0\n\
                  Pointer: Grid[{id}]->NextGridThisLevel = {}",
                 end[0],
@@ -64,6 +67,7 @@ impl MadeDump {
                 end[2],
                 list(grid.left),
                 list(grid.right),
+                2 * usize::from(self.with_particles.contains(&id)),
                 if id < self.grids.len() { id + 1 } else { 0 }
             )
             .unwrap();
@@ -82,9 +86,14 @@ impl MadeDump {
             let mut group = file.create_group(&format!("Grid{id:08}"));
             let shape: Vec<u64> = grid.size.iter().rev().map(|&n| u64::from(n)).collect();
             let cells: u32 = grid.size.iter().product();
+            let has_particles = self.with_particles.contains(&(id as usize));
             let values: Vec<f32> = (0..cells).map(|i| (1000 * id + i) as f32).collect();
             group.create_dataset("Density").with_f32_data(&values).with_shape(&shape);
             group.create_dataset("Ax").with_f32_data(&values).with_shape(&shape);
+            if has_particles {
+                let dark = group.create_dataset("Dark_Matter_Density");
+                dark.with_f32_data(&values).with_shape(&shape);
+            }
             group.create_dataset("particle_mass").with_f64_data(&[1.0, 2.0]);
             let face = vec![0.0; (shape[0] * shape[1] * (shape[2] + 1)) as usize];
             let face_shape = [shape[0], shape[1], shape[2] + 1];
@@ -114,6 +123,8 @@ impl MadeDump {
                 one.create_dataset("GridEndIndex").with_i64_data(&end);
                 one.create_dataset("GridLeftEdge").with_f64_data(&grid.left);
                 one.create_dataset("GridRightEdge").with_f64_data(&grid.right);
+                let particles = 2 * i64::from(self.with_particles.contains(&id));
+                one.create_dataset("NumberOfParticles").with_i64_data(&[particles]);
                 group.add_group(one.finish());
             }
             file.add_group(group.finish());

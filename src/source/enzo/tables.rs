@@ -83,6 +83,7 @@ pub(super) fn read_grid(path: &Path, pool: &Pool, id: u64, level: u32) -> Result
     let file = pool.get(path)?;
     let group = Group { file: &file, path: format!("/Level{level}/Grid{id:08}") };
     let attributes = file.attributes(&group.path)?;
+    let particles = group.values("NumberOfParticles").ok().and_then(|number| number.integers());
     let text = |key: &str| attributes.get(key).and_then(Values::text).map(str::to_owned);
     let fault = |reason: String| Error::invalid(format!("{}: grid {id}", path.display()), reason);
     if let Some([rank]) = attributes.get("GridRank").and_then(Values::integers)
@@ -100,6 +101,7 @@ pub(super) fn read_grid(path: &Path, pool: &Pool, id: u64, level: u32) -> Result
         file: text("BaryonFileName").or_else(|| text("ParticleFileName")).ok_or_else(|| {
             fault("has neither BaryonFileName nor ParticleFileName: it holds no fields".into())
         })?,
+        has_particles: particles.is_some_and(|[number]| number > 0),
     })
 }
 

@@ -33,6 +33,69 @@ fn what_is_a_field_and_what_not() {
 }
 
 #[test]
+fn dark_matter_is_zero_where_enzo_leaves_it_out() {
+    let mut dump = MadeDump::new();
+    // A second grid of level 1, which has particles where the first has none.
+    let beside = Made { left: [-0.5, 1.0, 0.25], right: [0.5, 1.5, 0.75], ..dump.grids[1].clone() };
+    dump.grids.push(beside);
+    for with_particles in [1, 4] {
+        dump.with_particles = vec![with_particles];
+        dump.write();
+        check_dark_matter(&dump, with_particles);
+        dump.write_tables();
+        check_dark_matter(&dump, with_particles);
+        std::fs::remove_file(dump.path().with_extension("hierarchy.hdf5")).unwrap();
+    }
+    // No grid with particles has been written.
+    dump.with_particles.clear();
+    dump.write_data();
+    let source = crate::source::open(&dump.path(), None).unwrap();
+    assert!(source.hierarchy().fields.iter().all(|field| field.name != fields::DARK_MATTER));
+}
+
+fn check_dark_matter(dump: &MadeDump, with_particles: usize) {
+    let source = crate::source::open(&dump.path(), None).unwrap();
+    let names: Vec<&str> = source.hierarchy().fields.iter().map(|f| f.name.as_str()).collect();
+    assert_eq!(names, ["Ax", "Dark_Matter_Density", "Density"]);
+    let dark = crate::source::read_all(&*source, 1).unwrap();
+    for ((grid, mut density), (_, dark)) in
+        crate::source::read_all(&*source, 2).unwrap().into_iter().zip(dark)
+    {
+        if grid.id != with_particles as u64 {
+            density.fill(0.0);
+        }
+        assert_eq!(dark, density, "grid {}", grid.id);
+    }
+}
+
+#[test]
+fn other_fields_and_whole_grids_are_missed_where_they_are_absent() {
+    let mut dump = MadeDump::new();
+    dump.with_particles = vec![1];
+    let beside = Made { left: [-0.5, 1.0, 0.25], right: [0.5, 1.5, 0.75], ..dump.grids[1].clone() };
+    dump.grids.push(beside);
+    dump.write();
+    let all = ["Ax", "Dark_Matter_Density", "Density"];
+    for (left, field) in [(&["Density"][..], "Ax"), (&[], "Dark_Matter_Density")] {
+        let mut file = hdf5_pure::FileBuilder::new();
+        for (id, grid) in (1..).zip(&dump.grids) {
+            let mut group = file.create_group(&format!("Grid{id:08}"));
+            let shape: Vec<u64> = grid.size.iter().rev().map(|&n| u64::from(n)).collect();
+            let values = vec![1.0; shape.iter().product::<u64>() as usize];
+            for name in if id == 4 { left } else { &all } {
+                group.create_dataset(name).with_f32_data(&values).with_shape(&shape);
+            }
+            file.add_group(group.finish());
+        }
+        std::fs::write(dump.path().with_extension("cpu0000"), file.finish().unwrap()).unwrap();
+        let source = crate::source::open(&dump.path(), None).unwrap();
+        let number = source.hierarchy().fields.iter().position(|f| f.name == field).unwrap();
+        let error = crate::source::read_all(&*source, number).unwrap_err().to_string();
+        assert!(error.contains(&format!("/Grid00000004/{field}")), "{error}");
+    }
+}
+
+#[test]
 fn a_factor_of_four_makes_levels_two_steps_apart() {
     let mut dump = MadeDump::new();
     dump.parameters = dump.parameters.replace("RefineBy = 2", "RefineBy = 4");

@@ -81,6 +81,7 @@ struct Draft {
     right: Option<[Edge; 3]>,
     baryon_file: Option<String>,
     particle_file: Option<String>,
+    has_particles: bool,
 }
 
 impl Draft {
@@ -94,6 +95,7 @@ impl Draft {
             "GridLeftEdge" if self.is_solid() => self.left = Some(edges(value)?),
             "GridRightEdge" if self.is_solid() => self.right = Some(edges(value)?),
             "BaryonFileName" => self.baryon_file = Some(value.to_owned()),
+            "NumberOfParticles" => self.has_particles = value.parse().is_ok_and(|n: u64| n > 0),
             "ParticleFileName" => self.particle_file = Some(value.to_owned()),
             _ => {}
         }
@@ -122,6 +124,7 @@ impl Draft {
                 let reason = "has no BaryonFileName: truncated, or a run without baryon fields?";
                 Error::invalid(&place, reason)
             })?,
+            has_particles: self.has_particles,
         })
     }
 }
