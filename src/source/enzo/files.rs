@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::ffi::OsString;
 use std::path::{Component, Path, PathBuf};
 
-use crate::source::folder::entries;
+use crate::source::folder::{distinct, entries};
 use crate::{Error, Result};
 
 /// Suffixes of the files that list grids, the longer first.
@@ -35,8 +35,7 @@ impl Dump {
                 dumps.extend(dumps_in(folder)?);
             }
         }
-        dumps.sort();
-        dumps.dedup();
+        let dumps = distinct(dumps);
         match dumps.as_slice() {
             [] => Ok(None),
             [one] => Ok(Some(Self { parameters: one.clone() })),
@@ -166,6 +165,14 @@ mod tests {
             let found = Dump::locate(&run.path().join(name)).unwrap().unwrap();
             assert_eq!(found.parameters.canonicalize().unwrap(), dump.canonicalize().unwrap());
         }
+        // Neither a link to it nor what macOS keeps beside files is a second dump.
+        std::os::unix::fs::symlink("DD0010", run.path().join("latest")).unwrap();
+        touch(&run.path().join("DD0010/._DD0010.hierarchy"));
+        touch(&run.path().join("._DD0010/DD0010.hierarchy"));
+        for name in [".", "DD0010"] {
+            let found = Dump::locate(&run.path().join(name)).unwrap().unwrap();
+            assert_eq!(found.parameters.canonicalize().unwrap(), dump.canonicalize().unwrap());
+        }
         touch(&run.path().join("DD0011/DD0011.hierarchy"));
         let error = Dump::locate(run.path()).unwrap_err().to_string();
         assert!(error.contains("2 Enzo dumps"), "{error}");
@@ -196,7 +203,8 @@ mod tests {
             touch(&project.path().join(other));
         }
         touch(&dump.parameters);
-        for name in ["./DD1/DD1.cpu0000", "DD1.cpu0000", "../DD1.cpu0000", "DD1/../../DD1.cpu0000"] {
+        for name in ["./DD1/DD1.cpu0000", "DD1.cpu0000", "../DD1.cpu0000", "DD1/../../DD1.cpu0000"]
+        {
             assert_eq!(dump.data_file(name), None, "{name}");
         }
         // What is named in full cannot be another.
