@@ -4,38 +4,48 @@ use crate::Result;
 use crate::source::lines::printing_error;
 use crate::space::Decimal;
 
-/// Digits that Enzo prints of an edge (`%.14g`).
-const PRINTED_DIGITS: i32 = 14;
+/// Digits that Enzo prints of an edge (`%.14g`), unless it computes with positions of 128 bits.
+pub(super) const PRINTED_DIGITS: i32 = 14;
 
 /// One coordinate of a grid's corner, code length.
 #[derive(Debug, Clone)]
 pub(super) enum Edge {
-    /// The double that the code held.
-    Exact(f64),
-    /// Decimal text and its nearest double.
-    Printed(String, f64),
+    /// The number that the code held, as the sum of two doubles.
+    Exact([f64; 2]),
+    /// Decimal text.
+    Printed {
+        /// The number as printed.
+        text: String,
+        /// Its nearest double.
+        value: f64,
+        /// How many digits the file has of numbers that need them.
+        digits: i32,
+    },
 }
 
 impl Edge {
     /// The nearest double.
     pub(super) fn value(&self) -> f64 {
         match self {
-            Self::Exact(value) | Self::Printed(_, value) => *value,
+            Self::Exact([value, _]) | Self::Printed { value, .. } => *value,
         }
     }
 
     /// The number as listed, exactly.
     pub(super) fn decimal(&self) -> Result<Decimal> {
         match self {
-            Self::Exact(value) => Decimal::from_f64(*value),
-            Self::Printed(text, _) => Decimal::parse(text),
+            Self::Exact([value, 0.0]) => Decimal::from_f64(*value),
+            Self::Exact([value, rest]) => {
+                Ok(Decimal::from_f64(*value)?.minus(&Decimal::from_f64(-rest)?))
+            }
+            Self::Printed { text, .. } => Decimal::parse(text),
         }
     }
 
     /// Largest difference from the number that the code held.
     pub(super) fn error(&self) -> f64 {
         match self {
-            Self::Printed(text, value) => printing_error(text, *value, PRINTED_DIGITS),
+            Self::Printed { text, value, digits } => printing_error(text, *value, *digits),
             Self::Exact(_) => 0.0,
         }
     }
@@ -119,7 +129,8 @@ mod tests {
     use super::*;
 
     fn error(text: &str) -> f64 {
-        Edge::Printed(text.into(), text.parse().unwrap()).error()
+        let value = text.parse().unwrap();
+        Edge::Printed { text: text.into(), value, digits: PRINTED_DIGITS }.error()
     }
 
     #[test]

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use hdf5_pure::{AttrValue, FileBuilder};
 
 use crate::Result;
+use crate::source::hdf5::quadruple;
 use crate::source::{GridRecord, read_all};
 
 /// A grid of a made-up dump. Its data are its number plus the cell's place in the grid.
@@ -23,6 +24,9 @@ pub(super) struct MadeDump {
     pub(super) folder: tempfile::TempDir,
     pub(super) parameters: String,
     pub(super) grids: Vec<Made>,
+    /// Corners of the grids, the same along x, y and z, where doubles do not hold them: the tables have
+    /// numbers of 128 bits then.
+    pub(super) long_edges: Vec<[i128; 2]>,
     /// The grids that particles lie in, and that therefore have dark matter.
     pub(super) with_particles: Vec<usize>,
 }
@@ -42,6 +46,7 @@ impl MadeDump {
             folder: tempfile::tempdir().unwrap(),
             parameters: parameters.into(),
             grids: vec![root, fine, finest],
+            long_edges: Vec::new(),
             with_particles: Vec::new(),
         }
     }
@@ -53,7 +58,10 @@ impl MadeDump {
     pub(super) fn text(&self) -> String {
         let mut text = String::new();
         for (id, grid) in (1..).zip(&self.grids) {
-            let list = |v: [f64; 3]| format!("{} {} {}", v[0], v[1], v[2]);
+            let list = |v: [f64; 3], side: usize| match self.long_edges.get(id - 1) {
+                Some(edges) => format!("{0} {0} {0}", edges[side]),
+                None => format!("{} {} {}", v[0], v[1], v[2]),
+            };
             let end = grid.size.map(|n| n + 2);
             writeln!(
                 text,
@@ -65,8 +73,8 @@ impl MadeDump {
                 end[0],
                 end[1],
                 end[2],
-                list(grid.left),
-                list(grid.right),
+                list(grid.left, 0),
+                list(grid.right, 1),
                 2 * usize::from(self.with_particles.contains(&id)),
                 if id < self.grids.len() { id + 1 } else { 0 }
             )
@@ -121,8 +129,17 @@ impl MadeDump {
                 let end = grid.size.map(|n| i64::from(n) + 2);
                 one.create_dataset("GridStartIndex").with_i64_data(&[3, 3, 3]);
                 one.create_dataset("GridEndIndex").with_i64_data(&end);
-                one.create_dataset("GridLeftEdge").with_f64_data(&grid.left);
-                one.create_dataset("GridRightEdge").with_f64_data(&grid.right);
+                let edges = [grid.left, grid.right];
+                for (side, name) in ["GridLeftEdge", "GridRightEdge"].into_iter().enumerate() {
+                    let dataset = one.create_dataset(name);
+                    match self.long_edges.get(id - 1) {
+                        Some(edges) => {
+                            let bytes = quadruple_bits(edges[side]).to_le_bytes().repeat(3);
+                            dataset.with_raw_data(quadruple(), bytes, 3)
+                        }
+                        None => dataset.with_f64_data(&edges[side]),
+                    };
+                }
                 let particles = 2 * i64::from(self.with_particles.contains(&id));
                 one.create_dataset("NumberOfParticles").with_i64_data(&[particles]);
                 group.add_group(one.finish());
@@ -151,4 +168,13 @@ impl MadeDump {
     pub(super) fn error(&self) -> String {
         self.read().unwrap_err().to_string()
     }
+}
+
+/// A whole number as IEEE's float of 128 bits.
+fn quadruple_bits(number: i128) -> u128 {
+    let sign = u128::from(number < 0) << 127;
+    let magnitude = number.unsigned_abs();
+    let Some(power) = magnitude.checked_ilog2() else { return sign };
+    let fraction = (magnitude ^ 1 << power) << (112 - power);
+    sign | u128::from(power + 16383) << 112 | fraction
 }

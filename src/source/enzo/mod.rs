@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use files::{DataFiles, Dump};
-use listing::{ListedGrid, Samples};
+use listing::{ListedGrid, PRINTED_DIGITS, Samples};
 use parameters::Parameters;
 
 use super::hdf5::Pool;
@@ -59,7 +59,11 @@ fn recognises(path: &Path) -> bool {
 
 /// The file that lists the grids.
 enum Listing {
-    Text(PathBuf),
+    Text {
+        path: PathBuf,
+        /// How many digits it has of numbers that need them.
+        digits: i32,
+    },
     Tables(PathBuf),
 }
 
@@ -81,8 +85,11 @@ impl Enzo {
         let text = parameters::read_text(&dump.parameters)?;
         let parameters = Parameters::parse(&dump.parameters, &text)?;
         let pool = Pool::default();
-        let listing = Listing::choose(&dump, &pool)?;
-        let samples = listing.samples_of_each_level(&pool, &parameters)?;
+        let mut listing = Listing::choose(&dump, &pool)?;
+        let samples = match listing.samples_of_each_level(&pool, &parameters) {
+            Err(_) if listing.count_digits()? => listing.samples_of_each_level(&pool, &parameters),
+            samples => samples,
+        }?;
         let factors = vec![parameters.refine_by; samples.len().saturating_sub(1)];
         let levels = Levels::from_factors(&factors)
             .map_err(|e| Error::not_supported(listing.path().display(), e.to_string()))?;
@@ -225,10 +232,10 @@ impl Listing {
         let (text, tables) = (dump.text(), dump.tables());
         match (text.is_file(), tables.is_file()) {
             (true, true) if tables::grid_count(&tables, pool)? > MOST_GRIDS_IN_TABLES => {
-                Ok(Self::Text(text))
+                Ok(Self::text(text))
             }
             (_, true) => Ok(Self::Tables(tables)),
-            (true, false) => Ok(Self::Text(text)),
+            (true, false) => Ok(Self::text(text)),
             (false, false) => {
                 let reason = "is missing, and so is .hierarchy.hdf5: the dump needs one of them";
                 Err(Error::invalid(text.display(), reason))
@@ -236,9 +243,21 @@ impl Listing {
         }
     }
 
+    fn text(path: PathBuf) -> Self {
+        Self::Text { path, digits: PRINTED_DIGITS }
+    }
+
+    /// Counts the digits of a text's edges, which takes reading all of it; whether they are more than was
+    /// thought.
+    fn count_digits(&mut self) -> Result<bool> {
+        let Self::Text { path, digits } = self else { return Ok(false) };
+        let thought = std::mem::replace(digits, text::most_digits(path)?);
+        Ok(*digits > thought)
+    }
+
     fn path(&self) -> &Path {
         match self {
-            Self::Text(path) | Self::Tables(path) => path,
+            Self::Text { path, .. } | Self::Tables(path) => path,
         }
     }
 
@@ -252,7 +271,7 @@ impl Listing {
         visit: &mut dyn FnMut(ListedGrid) -> Result<()>,
     ) -> Result<()> {
         match self {
-            Self::Text(path) => text::for_each_grid(path, visit),
+            Self::Text { path, digits } => text::for_each_grid(path, *digits, visit),
             Self::Tables(path) => tables::for_each_grid(path, pool, visit),
         }
     }
@@ -261,7 +280,7 @@ impl Listing {
     fn samples_of_each_level(&self, pool: &Pool, parameters: &Parameters) -> Result<Vec<Samples>> {
         let mut samples = Vec::new();
         match self {
-            Self::Text(path) => text::for_each_grid(path, &mut |grid| {
+            Self::Text { path, digits } => text::for_each_grid(path, *digits, &mut |grid| {
                 let level = lattice::level(&grid, parameters)
                     .map_err(|reason| self.fault(grid.id, reason))?;
                 self.slot(&mut samples, level, grid.id)?.look_at(grid);

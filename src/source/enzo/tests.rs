@@ -233,6 +233,56 @@ fn rounded_to_14_digits(text: &str) -> String {
     text.lines().map(line).collect::<Vec<_>>().join("\n")
 }
 
+/// A run 54 levels deep around 10¹⁸, where doubles are 16 of its finest cells apart.
+fn deeper_than_doubles() -> MadeDump {
+    let (centre, half) = (10_i128.pow(18), 1 << 60);
+    let mut dump = MadeDump::new();
+    let all = |edge: i128| format!("{edge} {edge} {edge}");
+    dump.parameters = dump
+        .parameters
+        .replace("-1 0 0", &all(centre - half))
+        .replace("1 3 2", &all(centre + half))
+        .replace("4 6 8", "16 16 16");
+    dump.grids.clear();
+    for level in 0..=54 {
+        let root = [centre - half, centre + half];
+        let edges = if level == 0 { root } else { [centre, centre + (4 << (57 - level))] };
+        let [left, right] = edges.map(|edge| [edge as f64; 3]);
+        let size = if level == 0 { [16; 3] } else { [4; 3] };
+        dump.grids.push(Made { level, left, right, size });
+        dump.long_edges.push(edges);
+    }
+    dump.write_data();
+    dump
+}
+
+#[test]
+fn positions_of_128_bits_are_read_from_tables_and_text() {
+    let dump = deeper_than_doubles();
+    // `%.21Lg` prints no zeros at the end: of such a number there are few digits.
+    let text = dump.text().replace(" 1000000000000000000", " 1e18");
+    assert!(text.contains("GridLeftEdge = 1e18 1e18 1e18\nGridRightEdge = 1000000000000000032 "));
+    dump.write_text(&text);
+    let from_text = dump.read().unwrap();
+    let deepest = from_text.last().unwrap().0;
+    assert_eq!((deepest.level, deepest.lo), (54, [8 << 54; 3]));
+    dump.write_tables();
+    dump.write_text("never looked at");
+    assert_eq!(dump.read().unwrap(), from_text);
+}
+
+#[test]
+fn edges_that_are_the_same_number_are_refused() {
+    let dump = deeper_than_doubles();
+    dump.write_text(&dump.text().replace("1000000000000000032", "1000000000000000000"));
+    let error = dump.error();
+    let expected = "grid 55: its edges along z are the same number, 1000000000000000000, so they have too \
+                    few digits";
+    assert!(error.contains(expected), "{error}");
+    dump.write_text(&dump.text().replace("1000000000000000032", "999999999999999999"));
+    assert!(dump.error().contains("grid 55: its edges along z go from"));
+}
+
 #[test]
 fn runs_deeper_than_supported_are_refused() {
     let mut dump = MadeDump::new();

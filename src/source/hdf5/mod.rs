@@ -21,6 +21,8 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 pub use pool::Pool;
+#[cfg(test)]
+pub(crate) use tests::quadruple;
 
 use crate::{Error, Result, regular_file};
 

@@ -26,7 +26,7 @@ fn half_float(exponent_bits: u8, mantissa_bits: u8) -> Datatype {
 }
 
 /// IEEE's float of 128 bits.
-fn quadruple() -> Datatype {
+pub(crate) fn quadruple() -> Datatype {
     let mut datatype = make_f64_type();
     if let Datatype::FloatingPoint { size, layout, .. } = &mut datatype {
         *size = 16;
