@@ -10,7 +10,7 @@ const MOST_TRIED: usize = 1000;
 /// Outputs that a message names.
 const NAMED: usize = 3;
 
-/// The paths of all that lies in `folder`, in no order.
+/// The paths of all that lies in `folder` but for what [`is_shadow`], in no order.
 ///
 /// # Errors
 /// A folder that cannot be listed.
@@ -21,8 +21,26 @@ pub(super) fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
 /// The same of no more than `most` entries.
 fn first_entries(folder: &Path, most: usize) -> Result<Vec<PathBuf>> {
     let fault = |e| Error::io(folder, "cannot list the folder", e);
-    let entries = std::fs::read_dir(folder).map_err(fault)?.take(most);
-    entries.map(|entry| entry.map(|e| e.path()).map_err(fault)).collect()
+    let entries = std::fs::read_dir(folder).map_err(fault)?;
+    let paths = entries.map(|entry| entry.map(|e| e.path()).map_err(fault));
+    paths.filter(|path| !path.as_ref().is_ok_and(|path| is_shadow(path))).take(most).collect()
+}
+
+/// Whether macOS has put a file there to keep another's attributes (AppleDouble, `._NAME`): of that
+/// other's name and extension, but of none of its content.
+fn is_shadow(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"._"))
+}
+
+/// `files`, sorted, each once: links to one file are one.
+pub(super) fn distinct(mut files: Vec<PathBuf>) -> Vec<PathBuf> {
+    let meant = |file: &Path| file.canonicalize().unwrap_or_else(|_| file.to_path_buf());
+    // Of several names the first remains.
+    files.sort();
+    files.sort_by_cached_key(|file| meant(file));
+    files.dedup_by(|a, b| meant(a) == meant(b));
+    files.sort();
+    files
 }
 
 /// The one output directly in `folder` that `is_output` recognises among its files; none where there
@@ -36,12 +54,7 @@ pub(super) fn only_output(
 ) -> Result<Option<PathBuf>> {
     let entries = first_entries(folder, MOST_TRIED + 1)?;
     let is_whole = entries.len() <= MOST_TRIED;
-    let mut found: Vec<PathBuf> = entries.into_iter().filter(|entry| is_output(entry)).collect();
-    // Links to one file are one output.
-    let meant = |file: &Path| file.canonicalize().unwrap_or_else(|_| file.to_path_buf());
-    found.sort_by_cached_key(|file| meant(file));
-    found.dedup_by(|a, b| meant(a) == meant(b));
-    found.sort();
+    let found = distinct(entries.into_iter().filter(|entry| is_output(entry)).collect());
     let refuse = |reason: String| Err(Error::request(format!("{}: {reason}", folder.display())));
     match found.as_slice() {
         [_, _, ..] => refuse(format!("holds several outputs, {}: name one", some(&found))),

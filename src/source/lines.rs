@@ -105,6 +105,17 @@ pub(super) fn shown(text: &str) -> String {
     text.chars().filter(|c| !c.is_control()).take(60).collect()
 }
 
+/// Most digits that count: doubles are far from telling more.
+const MOST_DIGITS: i32 = 300;
+
+/// How many digits of the number `text` are printed, from the first that is not 0.
+pub(super) fn printed_digits(text: &str) -> i32 {
+    let mantissa = text.split(['e', 'E']).next().unwrap_or("");
+    let printed = mantissa.trim_start_matches(['-', '+', '0', '.']).bytes();
+    let printed = printed.filter(u8::is_ascii_digit).count();
+    i32::try_from(printed).unwrap_or(i32::MAX).min(MOST_DIGITS)
+}
+
 /// Largest difference between `value`, printed as `text` by a code that prints `digits`, and the
 /// number that the code held: half a unit of the last digit. Trailing zeros may not be printed,
 /// so fewer digits don't mean a larger error; more do mean a smaller one.
@@ -112,10 +123,7 @@ pub(super) fn printing_error(text: &str, value: f64, digits: i32) -> f64 {
     if value == 0.0 {
         return 0.0;
     }
-    let mantissa = text.split(['e', 'E']).next().unwrap_or("");
-    let printed = mantissa.trim_start_matches(['-', '+', '0', '.']).bytes();
-    let printed = printed.filter(u8::is_ascii_digit).count();
-    let digits = i32::try_from(printed).unwrap_or(i32::MAX).clamp(digits, 300);
+    let digits = printed_digits(text).clamp(digits, MOST_DIGITS);
     let leading = value.abs().log10().floor();
     0.5 * 10f64.powf(leading - f64::from(digits - 1))
 }

@@ -1,7 +1,7 @@
 //! Decimal numbers of any length as exact rationals.
 
 use num_bigint::BigInt;
-use num_traits::{One, Pow, Zero};
+use num_traits::{One, Pow, ToPrimitive, Zero};
 
 use crate::{Error, Result};
 
@@ -74,6 +74,26 @@ impl Decimal {
         Self::parse(&format!("{value:e}"))
     }
 
+    /// The difference `self - other`.
+    pub fn minus(&self, other: &Self) -> Self {
+        Self {
+            numerator: &self.numerator * &other.denominator - &other.numerator * &self.denominator,
+            denominator: &self.denominator * &other.denominator,
+        }
+    }
+
+    /// The number as a double, off by 2⁻⁵² of it at most; infinite or 0 where none is so large or small.
+    pub fn to_f64(&self) -> f64 {
+        // So that the quotient has 64 bits or more.
+        let (above, below) = (self.numerator.bits(), self.denominator.bits());
+        let shift = (below + 64).saturating_sub(above);
+        let quotient = (&self.numerator << shift) / &self.denominator;
+        let power = i32::try_from(shift).unwrap_or(i32::MAX);
+        // In two steps, as the power alone may be beyond a double where the number is not.
+        let half = 2f64.powi(-(power / 2));
+        quotient.to_f64().unwrap_or(f64::NAN) * half * 2f64.powi(power / 2 - power)
+    }
+
     /// The rational that the double `value` is.
     ///
     /// # Errors
@@ -124,6 +144,21 @@ mod tests {
         assert_eq!(Decimal::parse("0.1").unwrap(), Decimal::from_shortest(0.1).unwrap());
         assert_eq!(Decimal::parse("5e-324").unwrap(), Decimal::from_shortest(5e-324).unwrap());
         assert_eq!(Decimal::parse("-0.375").unwrap(), Decimal::from_f64(-0.375).unwrap());
+    }
+
+    #[test]
+    fn differences_as_doubles() {
+        let difference = |a: &str, b: &str| {
+            Decimal::parse(a).unwrap().minus(&Decimal::parse(b).unwrap()).to_f64()
+        };
+        assert_eq!(difference("0.75", "0.5"), 0.25);
+        assert_eq!(difference("1e300", "-1e300"), 2e300);
+        assert_eq!(difference("0.500000000000000000001", "0.5"), 1e-21);
+        assert_eq!(difference("0.5", "0.500000000000000000001"), -1e-21);
+        assert_eq!(difference("3", "3.0"), 0.0);
+        assert_eq!(difference("1e-300", "0"), 1e-300);
+        assert_eq!(difference("1e-90000", "0"), 0.0);
+        assert_eq!(difference("1e90000", "0"), f64::INFINITY);
     }
 
     #[test]

@@ -142,6 +142,7 @@ impl<'f> Attributes<'f> {
         let shown = match self.values.get(name) {
             Some(Values::Integers(list)) => format!("{:?}", &list[..list.len().min(4)]),
             Some(Values::Floats(list)) => format!("{:?}", &list[..list.len().min(4)]),
+            Some(Values::Extended(list)) => format!("{} numbers of 80 or 128 bits", list.len()),
             Some(Values::Text(list)) => format!("{} strings", list.len()),
             None => "missing".to_owned(),
         };

@@ -5,22 +5,51 @@ use crate::source::SourceField;
 use crate::source::hdf5::{Element, File};
 use crate::{Error, Result};
 
+/// The one field that Enzo leaves out of grids that no particle has touched
+/// (`Grid_Group_WriteGrid.C`): it is 0 there.
+pub(super) const DARK_MATTER: &str = "Dark_Matter_Density";
+
 /// Names of the datasets of grid group `group` that are fields: numbers of the grid's own
 /// `size` (x, y, z). Particle data have one axis; face-centred data one cell more.
 ///
 /// # Errors
 /// No such group, or a damaged one.
 pub(super) fn names(file: &File, group: &str, size: [u32; 3]) -> Result<Vec<String>> {
-    let shape: Vec<u64> = size.iter().rev().map(|&n| u64::from(n)).collect();
     let mut names = Vec::new();
     for name in file.members(group)?.datasets {
-        let dataset = file.dataset(&format!("{group}/{name}"))?;
-        let numbers = matches!(dataset.element, Element::Float | Element::Integer);
-        if numbers && dataset.shape == shape && !name.starts_with("particle_") {
+        if is_field(file, group, &name, size)? {
             names.push(name);
         }
     }
     Ok(names)
+}
+
+fn is_field(file: &File, group: &str, name: &str, size: [u32; 3]) -> Result<bool> {
+    let dataset = file.dataset(&format!("{group}/{name}"))?;
+    let shape = size.iter().rev().map(|&n| u64::from(n));
+    let numbers = matches!(dataset.element, Element::Float | Element::Integer);
+    Ok(numbers && shape.eq(dataset.shape) && !name.starts_with("particle_"))
+}
+
+/// Whether field `name` is 0 in the grid of group `group` and cells `size`, since Enzo has left it out.
+///
+/// # Errors
+/// As [`names`].
+pub(super) fn is_left_out(file: &File, group: &str, name: &str, size: [u32; 3]) -> Result<bool> {
+    if name != DARK_MATTER {
+        return Ok(false);
+    }
+    let datasets = file.members(group)?.datasets;
+    if datasets.iter().any(|dataset| dataset == name) {
+        return Ok(false);
+    }
+    // A grid without any field has been lost, or its size is made up.
+    for other in &datasets {
+        if is_field(file, group, other, size)? {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 /// The error about a file that has fields, but not in groups of grids, as `group` is one: a run

@@ -2,15 +2,15 @@
 
 use std::collections::HashMap;
 use std::ffi::OsString;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
-use crate::source::folder::entries;
+use crate::source::folder::{distinct, entries};
 use crate::{Error, Result};
 
 /// Suffixes of the files that list grids, the longer first.
 const HIERARCHIES: [&str; 2] = [".hierarchy.hdf5", ".hierarchy"];
-/// Folders above the dump's own in which data files are looked for.
-const FOLDERS_ABOVE: usize = 3;
+/// Folders below the dump's own, one in the other, in which data files are looked for.
+const FOLDERS_BELOW: usize = 3;
 
 /// The files that describe one dump.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -35,8 +35,7 @@ impl Dump {
                 dumps.extend(dumps_in(folder)?);
             }
         }
-        dumps.sort();
-        dumps.dedup();
+        let dumps = distinct(dumps);
         match dumps.as_slice() {
             [] => Ok(None),
             [one] => Ok(Some(Self { parameters: one.clone() })),
@@ -66,17 +65,21 @@ impl Dump {
         PathBuf::from(name)
     }
 
-    /// The data file that a hierarchy names. Names are relative to where the code ran; dumps are
-    /// moved and copied, so a file of that name beside the parameter file comes first.
+    /// The data file that a hierarchy names. Names are relative to where the code ran; dumps are moved
+    /// and copied, so the end of the name counts: a file of that name beside the parameter file, or one
+    /// in the last folders named, where these lie below. Outside the dump's own folder a file of that
+    /// name may be another run's, and only one named by its full path is read.
     fn data_file(&self, name: &str) -> Option<PathBuf> {
         let written = Path::new(name);
         let folder = self.parameters.parent().unwrap_or(Path::new(""));
-        let beside = folder.join(written.file_name()?);
-        // The folder of a bare name is an empty path, of which nothing can be made absolute.
-        let absolute = std::path::absolute(&self.parameters).ok()?;
-        let above = absolute.ancestors().skip(1).take(FOLDERS_ABOVE);
-        let above = above.map(|folder| folder.join(written));
-        std::iter::once(beside).chain(above).find(|path| path.is_file())
+        let is_name = |part: &Component| matches!(part, Component::Normal(_));
+        let parts: Vec<Component> = written.components().collect();
+        let ends = (1..=1 + FOLDERS_BELOW)
+            .filter_map(|length| parts.get(parts.len().checked_sub(length)?..))
+            .take_while(|end| end.iter().all(is_name))
+            .map(|end| folder.join(end.iter().collect::<PathBuf>()));
+        let full = Some(written.to_path_buf()).filter(|path| path.is_absolute());
+        ends.chain(full).find(|path| path.is_file())
     }
 }
 
@@ -120,8 +123,8 @@ impl DataFiles {
         }
         let path = dump.data_file(name).ok_or_else(|| {
             format!(
-                "its data file {name} is neither beside {} nor where it names from the folders \
-                 above",
+                "its data file {name} is neither beside {} nor below, in folders that it names: has it \
+                 been left behind?",
                 dump.parameters.display()
             )
         })?;
@@ -162,6 +165,14 @@ mod tests {
             let found = Dump::locate(&run.path().join(name)).unwrap().unwrap();
             assert_eq!(found.parameters.canonicalize().unwrap(), dump.canonicalize().unwrap());
         }
+        // Neither a link to it nor what macOS keeps beside files is a second dump.
+        std::os::unix::fs::symlink("DD0010", run.path().join("latest")).unwrap();
+        touch(&run.path().join("DD0010/._DD0010.hierarchy"));
+        touch(&run.path().join("._DD0010/DD0010.hierarchy"));
+        for name in [".", "DD0010"] {
+            let found = Dump::locate(&run.path().join(name)).unwrap().unwrap();
+            assert_eq!(found.parameters.canonicalize().unwrap(), dump.canonicalize().unwrap());
+        }
         touch(&run.path().join("DD0011/DD0011.hierarchy"));
         let error = Dump::locate(run.path()).unwrap_err().to_string();
         assert!(error.contains("2 Enzo dumps"), "{error}");
@@ -169,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn data_files_are_found_beside_the_dump_and_from_the_folders_above() {
+    fn data_files_are_found_beside_the_dump_and_in_folders_below() {
         let run = tempfile::tempdir().unwrap();
         let dump = Dump { parameters: run.path().join("DD1/DD1") };
         touch(&run.path().join("DD1/DD1.cpu0000"));
@@ -181,5 +192,26 @@ mod tests {
         assert!(files.path(1).unwrap().ends_with("task0/DD1.cpu0001"));
         assert!(files.number(&dump, "./DD1/DD1.cpu0002").unwrap_err().contains("DD1.cpu0002"));
         assert_eq!(files.path(2), None);
+    }
+
+    #[test]
+    fn other_runs_data_files_are_not_taken_for_missing_ones() {
+        let project = tempfile::tempdir().unwrap();
+        let dump = Dump { parameters: project.path().join("run/DD1/DD1") };
+        let others = ["DD1/DD1.cpu0000", "run/DD1.cpu0000", "DD1.cpu0000"];
+        for other in others {
+            touch(&project.path().join(other));
+        }
+        touch(&dump.parameters);
+        for name in ["./DD1/DD1.cpu0000", "DD1.cpu0000", "../DD1.cpu0000", "DD1/../../DD1.cpu0000"]
+        {
+            assert_eq!(dump.data_file(name), None, "{name}");
+        }
+        // What is named in full cannot be another.
+        let full = project.path().join(others[0]);
+        assert_eq!(dump.data_file(&full.display().to_string()), Some(full));
+        let beside = dump.parameters.with_file_name("DD1.cpu0000");
+        touch(&beside);
+        assert_eq!(dump.data_file("/gone/DD1/DD1.cpu0000"), Some(beside));
     }
 }

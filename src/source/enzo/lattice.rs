@@ -20,7 +20,7 @@ pub(super) fn level(grid: &ListedGrid, parameters: &Parameters) -> Result<u32, S
     let root_width = parameters.domain.root_cell_width();
     // The axis with the most cells gives the width of one most precisely.
     let axis = (0..3).max_by_key(|&a| size[a]).unwrap_or(0);
-    let width = (grid.right[axis].value() - grid.left[axis].value()) / f64::from(size[axis]);
+    let width = extent(grid, axis)? / f64::from(size[axis]);
     check_digits(grid, axis, width)?;
     let level = ((root_width[axis] / width).ln() / factor.ln()).round();
     if !(0.0..=1e4).contains(&level) {
@@ -36,6 +36,37 @@ pub(super) fn level(grid: &ListedGrid, parameters: &Parameters) -> Result<u32, S
     Ok(level as u32)
 }
 
+/// How far apart the grid's edges along `axis` are.
+///
+/// # Errors
+/// The reason, where the lower is not below the upper one.
+fn extent(grid: &ListedGrid, axis: usize) -> Result<f64, String> {
+    let (left, right) = (&grid.left[axis], &grid.right[axis]);
+    let mut extent = right.value() - left.value();
+    // The doubles next to long numbers may be the same one.
+    if extent.abs() < 1e-9 * left.value().abs() {
+        let exact = |edge: &Edge| edge.decimal().map_err(|error| error.to_string());
+        extent = exact(right)?.minus(&exact(left)?).to_f64();
+    }
+    if extent > 0.0 {
+        return Ok(extent);
+    }
+    let (left, right) = (left.value(), right.value());
+    Err(if extent == 0.0 {
+        format!(
+            "its edges along {} are the same number, {left}, so they have too few digits for its \
+             cells: {NEEDED}",
+            AXES[axis]
+        )
+    } else {
+        format!("its edges along {} go from {left} down to {right}", AXES[axis])
+    })
+}
+
+/// What tells where grids lie if the text does not.
+const NEEDED: &str =
+    "the run's .hierarchy.hdf5, which holds exact edges, is needed beside the .hierarchy";
+
 /// Refuses edges along `axis` that are printed with too few digits to tell cells `width` wide
 /// apart.
 fn check_digits(grid: &ListedGrid, axis: usize, width: f64) -> Result<(), String> {
@@ -44,8 +75,7 @@ fn check_digits(grid: &ListedGrid, axis: usize, width: f64) -> Result<(), String
         if error > LARGEST_DEVIATION * width.abs() {
             return Err(format!(
                 "its edge {} along {} has too few digits for cells {width:e} wide (it may be off \
-                 by {error:e}): the run's .hierarchy.hdf5, which holds exact edges, is needed \
-                 beside the .hierarchy",
+                 by {error:e}): {NEEDED}",
                 edge.value(),
                 AXES[axis]
             ));

@@ -4,38 +4,48 @@ use crate::Result;
 use crate::source::lines::printing_error;
 use crate::space::Decimal;
 
-/// Digits that Enzo prints of an edge (`%.14g`).
-const PRINTED_DIGITS: i32 = 14;
+/// Digits that Enzo prints of an edge (`%.14g`), unless it computes with positions of 128 bits.
+pub(super) const PRINTED_DIGITS: i32 = 14;
 
 /// One coordinate of a grid's corner, code length.
 #[derive(Debug, Clone)]
 pub(super) enum Edge {
-    /// The double that the code held.
-    Exact(f64),
-    /// Decimal text and its nearest double.
-    Printed(String, f64),
+    /// The number that the code held, as the sum of two doubles.
+    Exact([f64; 2]),
+    /// Decimal text.
+    Printed {
+        /// The number as printed.
+        text: String,
+        /// Its nearest double.
+        value: f64,
+        /// How many digits the file has of numbers that need them.
+        digits: i32,
+    },
 }
 
 impl Edge {
     /// The nearest double.
     pub(super) fn value(&self) -> f64 {
         match self {
-            Self::Exact(value) | Self::Printed(_, value) => *value,
+            Self::Exact([value, _]) | Self::Printed { value, .. } => *value,
         }
     }
 
     /// The number as listed, exactly.
     pub(super) fn decimal(&self) -> Result<Decimal> {
         match self {
-            Self::Exact(value) => Decimal::from_f64(*value),
-            Self::Printed(text, _) => Decimal::parse(text),
+            Self::Exact([value, 0.0]) => Decimal::from_f64(*value),
+            Self::Exact([value, rest]) => {
+                Ok(Decimal::from_f64(*value)?.minus(&Decimal::from_f64(-rest)?))
+            }
+            Self::Printed { text, .. } => Decimal::parse(text),
         }
     }
 
     /// Largest difference from the number that the code held.
     pub(super) fn error(&self) -> f64 {
         match self {
-            Self::Printed(text, value) => printing_error(text, *value, PRINTED_DIGITS),
+            Self::Printed { text, value, digits } => printing_error(text, *value, *digits),
             Self::Exact(_) => 0.0,
         }
     }
@@ -58,6 +68,35 @@ pub(super) struct ListedGrid {
     pub(super) right: [Edge; 3],
     /// The data file's name, as written.
     pub(super) file: String,
+    /// Whether particles lie in the grid.
+    pub(super) has_particles: bool,
+}
+
+/// Grids of one level that tell what fields there are.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Samples {
+    /// The first.
+    pub(super) first: Option<ListedGrid>,
+    /// The first in which particles lie.
+    pub(super) with_particles: Option<ListedGrid>,
+    /// How many have been looked at.
+    looked_at: u32,
+}
+
+impl Samples {
+    /// Looks at a grid.
+    pub(super) fn look_at(&mut self, grid: ListedGrid) {
+        self.looked_at = self.looked_at.saturating_add(1);
+        if grid.has_particles && self.with_particles.is_none() {
+            self.with_particles = Some(grid.clone());
+        }
+        self.first.get_or_insert(grid);
+    }
+
+    /// Whether another grid may tell more, of the first `most`.
+    pub(super) fn want_more(&self, most: u32) -> bool {
+        self.with_particles.is_none() && self.looked_at < most
+    }
 }
 
 impl ListedGrid {
@@ -90,7 +129,8 @@ mod tests {
     use super::*;
 
     fn error(text: &str) -> f64 {
-        Edge::Printed(text.into(), text.parse().unwrap()).error()
+        let value = text.parse().unwrap();
+        Edge::Printed { text: text.into(), value, digits: PRINTED_DIGITS }.error()
     }
 
     #[test]

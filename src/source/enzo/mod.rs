@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use files::{DataFiles, Dump};
-use listing::ListedGrid;
+use listing::{ListedGrid, PRINTED_DIGITS, Samples};
 use parameters::Parameters;
 
 use super::hdf5::Pool;
@@ -41,6 +41,10 @@ pub(super) const FORMAT: Format = Format {
 /// of so many grids are too shallow for the text's digits to fail; where they do, it is refused.
 const MOST_GRIDS_IN_TABLES: u64 = 100_000;
 
+/// Most grids of a level of an HDF5 hierarchy that are asked for particles; of text all are, as it is
+/// read to its end anyway.
+const MOST_SAMPLES: u32 = 64;
+
 /// Whether `path` names an Enzo dump, by what its parameter file holds; or a folder of several, of which
 /// one is to be named.
 fn recognises(path: &Path) -> bool {
@@ -55,7 +59,11 @@ fn recognises(path: &Path) -> bool {
 
 /// The file that lists the grids.
 enum Listing {
-    Text(PathBuf),
+    Text {
+        path: PathBuf,
+        /// How many digits it has of numbers that need them.
+        digits: i32,
+    },
     Tables(PathBuf),
 }
 
@@ -77,9 +85,12 @@ impl Enzo {
         let text = parameters::read_text(&dump.parameters)?;
         let parameters = Parameters::parse(&dump.parameters, &text)?;
         let pool = Pool::default();
-        let listing = Listing::choose(&dump, &pool)?;
-        let first_grids = listing.first_of_each_level(&pool, &parameters)?;
-        let factors = vec![parameters.refine_by; first_grids.len().saturating_sub(1)];
+        let mut listing = Listing::choose(&dump, &pool)?;
+        let samples = match listing.samples_of_each_level(&pool, &parameters) {
+            Err(_) if listing.count_digits()? => listing.samples_of_each_level(&pool, &parameters),
+            samples => samples,
+        }?;
+        let factors = vec![parameters.refine_by; samples.len().saturating_sub(1)];
         let levels = Levels::from_factors(&factors)
             .map_err(|e| Error::not_supported(listing.path().display(), e.to_string()))?;
         let hierarchy = Hierarchy {
@@ -92,35 +103,50 @@ impl Enzo {
         let files = Mutex::default();
         let about = About { format: FORMAT.name, path: path.to_path_buf(), hierarchy };
         let mut enzo = Self { about, dump, listing, parameters, files, pool };
-        enzo.find_fields(first_grids)?;
+        enzo.find_fields(&samples)?;
         Ok(enzo)
     }
 
-    /// Sets the fields: those that the first grid of every level has.
-    fn find_fields(&mut self, first_grids: Vec<Option<ListedGrid>>) -> Result<()> {
+    /// Sets the fields: those that the first grid of every level has, and dark matter's density, which
+    /// one of `samples` need have.
+    fn find_fields(&mut self, samples: &[Samples]) -> Result<()> {
         let mut common: Option<Vec<String>> = None;
-        for grid in first_grids.into_iter().flatten() {
-            let record = self.place(&grid)?;
-            let file = self.pool.get(&self.data_file(&record)?)?;
-            let names = fields::names(&file, &group(record.id), record.size)
-                .map_err(|error| fields::unpacked(&file, &group(record.id)).unwrap_or(error))?;
+        let mut has_dark_matter = false;
+        for grid in samples.iter().filter_map(|level| level.first.as_ref()) {
+            let names = self.fields_of(grid)?;
+            has_dark_matter |= has_dark_matter_in(&names);
             common = Some(match common {
                 None => names,
                 Some(common) => common.into_iter().filter(|name| names.contains(name)).collect(),
             });
         }
-        let names = common.unwrap_or_default();
+        let mut names = common.unwrap_or_default();
         if names.is_empty() {
             let reason = "its grids have no field in common with as many cells as they have \
                           themselves (ghost zones, by WriteGhostZones = 1, are not read): \
                           nothing to read";
             return Err(Error::invalid(self.dump.parameters.display(), reason));
         }
+        for grid in samples.iter().filter_map(|level| level.with_particles.as_ref()) {
+            has_dark_matter = has_dark_matter || has_dark_matter_in(&self.fields_of(grid)?);
+        }
+        if has_dark_matter && !has_dark_matter_in(&names) {
+            names.push(fields::DARK_MATTER.to_owned());
+            names.sort();
+        }
         let hierarchy = &mut self.about.hierarchy;
         hierarchy.fields =
             names.into_iter().map(|name| fields::describe(name, &self.parameters)).collect();
         hierarchy.density = fields::density(&hierarchy.fields);
         Ok(())
+    }
+
+    /// The fields of one grid.
+    fn fields_of(&self, grid: &ListedGrid) -> Result<Vec<String>> {
+        let record = self.place(grid)?;
+        let file = self.pool.get(&self.data_file(&record)?)?;
+        fields::names(&file, &group(record.id), record.size)
+            .map_err(|error| fields::unpacked(&file, &group(record.id)).unwrap_or(error))
     }
 
     /// A listed grid on its level's lattice, its data file found.
@@ -171,7 +197,13 @@ impl Source for Enzo {
         let file = self.pool.get(&path)?;
         let name = self.about.field_name(field)?;
         let dataset = format!("{}/{name}", group(grid.id));
-        let shape = file.dataset(&dataset)?.shape;
+        let shape = match file.dataset(&dataset) {
+            Err(_) if fields::is_left_out(&file, &group(grid.id), name, grid.size)? => {
+                out.fill(0.0);
+                return Ok(());
+            }
+            found => found?.shape,
+        };
         let zyx = |xyz: [u32; 3]| [xyz[2], xyz[1], xyz[0]].map(u64::from);
         if shape != zyx(grid.size) {
             return Err(Error::invalid(
@@ -186,6 +218,10 @@ impl Source for Enzo {
     }
 }
 
+fn has_dark_matter_in(names: &[String]) -> bool {
+    names.iter().any(|name| name == fields::DARK_MATTER)
+}
+
 /// The group that holds grid `id`'s data in its data file.
 fn group(id: u64) -> String {
     format!("/Grid{id:08}")
@@ -196,10 +232,10 @@ impl Listing {
         let (text, tables) = (dump.text(), dump.tables());
         match (text.is_file(), tables.is_file()) {
             (true, true) if tables::grid_count(&tables, pool)? > MOST_GRIDS_IN_TABLES => {
-                Ok(Self::Text(text))
+                Ok(Self::text(text))
             }
             (_, true) => Ok(Self::Tables(tables)),
-            (true, false) => Ok(Self::Text(text)),
+            (true, false) => Ok(Self::text(text)),
             (false, false) => {
                 let reason = "is missing, and so is .hierarchy.hdf5: the dump needs one of them";
                 Err(Error::invalid(text.display(), reason))
@@ -207,9 +243,21 @@ impl Listing {
         }
     }
 
+    fn text(path: PathBuf) -> Self {
+        Self::Text { path, digits: PRINTED_DIGITS }
+    }
+
+    /// Counts the digits of a text's edges, which takes reading all of it; whether they are more than was
+    /// thought.
+    fn count_digits(&mut self) -> Result<bool> {
+        let Self::Text { path, digits } = self else { return Ok(false) };
+        let thought = std::mem::replace(digits, text::most_digits(path)?);
+        Ok(*digits > thought)
+    }
+
     fn path(&self) -> &Path {
         match self {
-            Self::Text(path) | Self::Tables(path) => path,
+            Self::Text { path, .. } | Self::Tables(path) => path,
         }
     }
 
@@ -223,47 +271,43 @@ impl Listing {
         visit: &mut dyn FnMut(ListedGrid) -> Result<()>,
     ) -> Result<()> {
         match self {
-            Self::Text(path) => text::for_each_grid(path, visit),
+            Self::Text { path, digits } => text::for_each_grid(path, *digits, visit),
             Self::Tables(path) => tables::for_each_grid(path, pool, visit),
         }
     }
 
-    /// The first grid of each level, in one pass that places nothing.
-    fn first_of_each_level(
-        &self,
-        pool: &Pool,
-        parameters: &Parameters,
-    ) -> Result<Vec<Option<ListedGrid>>> {
-        let mut first = Vec::new();
+    /// Grids of each level that tell its fields, in one pass that places nothing.
+    fn samples_of_each_level(&self, pool: &Pool, parameters: &Parameters) -> Result<Vec<Samples>> {
+        let mut samples = Vec::new();
         match self {
-            Self::Text(path) => text::for_each_grid(path, &mut |grid| {
+            Self::Text { path, digits } => text::for_each_grid(path, *digits, &mut |grid| {
                 let level = lattice::level(&grid, parameters)
                     .map_err(|reason| self.fault(grid.id, reason))?;
-                self.slot(&mut first, level, grid.id)?.get_or_insert(grid);
+                self.slot(&mut samples, level, grid.id)?.look_at(grid);
                 Ok(())
             })?,
             Self::Tables(path) => tables::for_each_level(path, pool, &mut |id, level| {
-                let slot = self.slot(&mut first, level, id)?;
-                if slot.is_none() {
-                    *slot = Some(tables::read_grid(path, pool, id, level)?);
+                let slot = self.slot(&mut samples, level, id)?;
+                if slot.want_more(MOST_SAMPLES) {
+                    slot.look_at(tables::read_grid(path, pool, id, level)?);
                 }
                 Ok(())
             })?,
         }
-        if !first.first().is_some_and(Option::is_some) {
+        if samples.first().is_none_or(|root: &Samples| root.first.is_none()) {
             let reason = "lists no grid of the root level: is it truncated?";
             return Err(Error::invalid(self.path().display(), reason));
         }
-        Ok(first)
+        Ok(samples)
     }
 
     /// The place of level `level` in a list by level.
     fn slot<'a>(
         &self,
-        first: &'a mut Vec<Option<ListedGrid>>,
+        samples: &'a mut Vec<Samples>,
         level: u32,
         id: u64,
-    ) -> Result<&'a mut Option<ListedGrid>> {
+    ) -> Result<&'a mut Samples> {
         if level > MAX_OCTREE_LEVEL {
             let reason = format!(
                 "lies at level {level}: at most {MAX_OCTREE_LEVEL} factor-2 steps below the root \
@@ -273,9 +317,9 @@ impl Listing {
             return Err(Error::not_supported(place, reason));
         }
         let at = level as usize;
-        if first.len() <= at {
-            first.resize(at + 1, None);
+        if samples.len() <= at {
+            samples.resize(at + 1, Samples::default());
         }
-        Ok(&mut first[at])
+        Ok(&mut samples[at])
     }
 }

@@ -1,4 +1,4 @@
-//! `.hierarchy.hdf5`: every grid's edges as the doubles that the code held.
+//! `.hierarchy.hdf5`: every grid's edges as the numbers that the code held.
 
 use std::path::Path;
 
@@ -83,6 +83,7 @@ pub(super) fn read_grid(path: &Path, pool: &Pool, id: u64, level: u32) -> Result
     let file = pool.get(path)?;
     let group = Group { file: &file, path: format!("/Level{level}/Grid{id:08}") };
     let attributes = file.attributes(&group.path)?;
+    let particles = group.values("NumberOfParticles").ok().and_then(|number| number.integers());
     let text = |key: &str| attributes.get(key).and_then(Values::text).map(str::to_owned);
     let fault = |reason: String| Error::invalid(format!("{}: grid {id}", path.display()), reason);
     if let Some([rank]) = attributes.get("GridRank").and_then(Values::integers)
@@ -93,13 +94,14 @@ pub(super) fn read_grid(path: &Path, pool: &Pool, id: u64, level: u32) -> Result
     Ok(ListedGrid {
         id,
         level: Some(level),
-        start: group.integers("GridStartIndex").map_err(fault)?,
-        end: group.integers("GridEndIndex").map_err(fault)?,
-        left: group.edges("GridLeftEdge").map_err(fault)?,
-        right: group.edges("GridRightEdge").map_err(fault)?,
+        start: group.integers("GridStartIndex")?,
+        end: group.integers("GridEndIndex")?,
+        left: group.edges("GridLeftEdge")?,
+        right: group.edges("GridRightEdge")?,
         file: text("BaryonFileName").or_else(|| text("ParticleFileName")).ok_or_else(|| {
             fault("has neither BaryonFileName nor ParticleFileName: it holds no fields".into())
         })?,
+        has_particles: particles.is_some_and(|[number]| number > 0),
     })
 }
 
@@ -110,21 +112,22 @@ struct Group<'a> {
 }
 
 impl Group<'_> {
-    fn values(&self, name: &str) -> Result<Values, String> {
-        self.file.values(&format!("{}/{name}", self.path)).map_err(|e| e.to_string())
+    fn values(&self, name: &str) -> Result<Values> {
+        self.file.values(&format!("{}/{name}", self.path))
     }
 
-    fn integers(&self, name: &str) -> Result<[i64; 3], String> {
-        let expected = || format!("{name} is not three integers");
-        self.values(name)?.integers().ok_or_else(expected)
+    fn fault(&self, name: &str, reason: &str) -> Error {
+        Error::invalid(format!("{}: {}/{name}", self.file.path().display(), self.path), reason)
     }
 
-    fn edges(&self, name: &str) -> Result<[Edge; 3], String> {
-        let expected = || format!("{name} is not three finite numbers");
-        let edges: [f64; 3] = self.values(name)?.floats().ok_or_else(expected)?;
-        if !edges.iter().all(|edge| edge.is_finite()) {
-            return Err(expected());
-        }
+    fn integers(&self, name: &str) -> Result<[i64; 3]> {
+        self.values(name)?.integers().ok_or_else(|| self.fault(name, "is not three integers"))
+    }
+
+    fn edges(&self, name: &str) -> Result<[Edge; 3]> {
+        let is_finite = |edges: &[[f64; 2]; 3]| edges.iter().all(|edge| edge[0].is_finite());
+        let edges = self.values(name)?.sums().filter(is_finite);
+        let edges = edges.ok_or_else(|| self.fault(name, "is not three finite numbers"))?;
         Ok(edges.map(Edge::Exact))
     }
 }

@@ -33,6 +33,69 @@ fn what_is_a_field_and_what_not() {
 }
 
 #[test]
+fn dark_matter_is_zero_where_enzo_leaves_it_out() {
+    let mut dump = MadeDump::new();
+    // A second grid of level 1, which has particles where the first has none.
+    let beside = Made { left: [-0.5, 1.0, 0.25], right: [0.5, 1.5, 0.75], ..dump.grids[1].clone() };
+    dump.grids.push(beside);
+    for with_particles in [1, 4] {
+        dump.with_particles = vec![with_particles];
+        dump.write();
+        check_dark_matter(&dump, with_particles);
+        dump.write_tables();
+        check_dark_matter(&dump, with_particles);
+        std::fs::remove_file(dump.path().with_extension("hierarchy.hdf5")).unwrap();
+    }
+    // No grid with particles has been written.
+    dump.with_particles.clear();
+    dump.write_data();
+    let source = crate::source::open(&dump.path(), None).unwrap();
+    assert!(source.hierarchy().fields.iter().all(|field| field.name != fields::DARK_MATTER));
+}
+
+fn check_dark_matter(dump: &MadeDump, with_particles: usize) {
+    let source = crate::source::open(&dump.path(), None).unwrap();
+    let names: Vec<&str> = source.hierarchy().fields.iter().map(|f| f.name.as_str()).collect();
+    assert_eq!(names, ["Ax", "Dark_Matter_Density", "Density"]);
+    let dark = crate::source::read_all(&*source, 1).unwrap();
+    for ((grid, mut density), (_, dark)) in
+        crate::source::read_all(&*source, 2).unwrap().into_iter().zip(dark)
+    {
+        if grid.id != with_particles as u64 {
+            density.fill(0.0);
+        }
+        assert_eq!(dark, density, "grid {}", grid.id);
+    }
+}
+
+#[test]
+fn other_fields_and_whole_grids_are_missed_where_they_are_absent() {
+    let mut dump = MadeDump::new();
+    dump.with_particles = vec![1];
+    let beside = Made { left: [-0.5, 1.0, 0.25], right: [0.5, 1.5, 0.75], ..dump.grids[1].clone() };
+    dump.grids.push(beside);
+    dump.write();
+    let all = ["Ax", "Dark_Matter_Density", "Density"];
+    for (left, field) in [(&["Density"][..], "Ax"), (&[], "Dark_Matter_Density")] {
+        let mut file = hdf5_pure::FileBuilder::new();
+        for (id, grid) in (1..).zip(&dump.grids) {
+            let mut group = file.create_group(&format!("Grid{id:08}"));
+            let shape: Vec<u64> = grid.size.iter().rev().map(|&n| u64::from(n)).collect();
+            let values = vec![1.0; shape.iter().product::<u64>() as usize];
+            for name in if id == 4 { left } else { &all } {
+                group.create_dataset(name).with_f32_data(&values).with_shape(&shape);
+            }
+            file.add_group(group.finish());
+        }
+        std::fs::write(dump.path().with_extension("cpu0000"), file.finish().unwrap()).unwrap();
+        let source = crate::source::open(&dump.path(), None).unwrap();
+        let number = source.hierarchy().fields.iter().position(|f| f.name == field).unwrap();
+        let error = crate::source::read_all(&*source, number).unwrap_err().to_string();
+        assert!(error.contains(&format!("/Grid00000004/{field}")), "{error}");
+    }
+}
+
+#[test]
 fn a_factor_of_four_makes_levels_two_steps_apart() {
     let mut dump = MadeDump::new();
     dump.parameters = dump.parameters.replace("RefineBy = 2", "RefineBy = 4");
@@ -168,6 +231,56 @@ fn rounded_to_14_digits(text: &str) -> String {
         _ => line.to_owned(),
     };
     text.lines().map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// A run 54 levels deep around 10¹⁸, where doubles are 16 of its finest cells apart.
+fn deeper_than_doubles() -> MadeDump {
+    let (centre, half) = (10_i128.pow(18), 1 << 60);
+    let mut dump = MadeDump::new();
+    let all = |edge: i128| format!("{edge} {edge} {edge}");
+    dump.parameters = dump
+        .parameters
+        .replace("-1 0 0", &all(centre - half))
+        .replace("1 3 2", &all(centre + half))
+        .replace("4 6 8", "16 16 16");
+    dump.grids.clear();
+    for level in 0..=54 {
+        let root = [centre - half, centre + half];
+        let edges = if level == 0 { root } else { [centre, centre + (4 << (57 - level))] };
+        let [left, right] = edges.map(|edge| [edge as f64; 3]);
+        let size = if level == 0 { [16; 3] } else { [4; 3] };
+        dump.grids.push(Made { level, left, right, size });
+        dump.long_edges.push(edges);
+    }
+    dump.write_data();
+    dump
+}
+
+#[test]
+fn positions_of_128_bits_are_read_from_tables_and_text() {
+    let dump = deeper_than_doubles();
+    // `%.21Lg` prints no zeros at the end: of such a number there are few digits.
+    let text = dump.text().replace(" 1000000000000000000", " 1e18");
+    assert!(text.contains("GridLeftEdge = 1e18 1e18 1e18\nGridRightEdge = 1000000000000000032 "));
+    dump.write_text(&text);
+    let from_text = dump.read().unwrap();
+    let deepest = from_text.last().unwrap().0;
+    assert_eq!((deepest.level, deepest.lo), (54, [8 << 54; 3]));
+    dump.write_tables();
+    dump.write_text("never looked at");
+    assert_eq!(dump.read().unwrap(), from_text);
+}
+
+#[test]
+fn edges_that_are_the_same_number_are_refused() {
+    let dump = deeper_than_doubles();
+    dump.write_text(&dump.text().replace("1000000000000000032", "1000000000000000000"));
+    let error = dump.error();
+    let expected = "grid 55: its edges along z are the same number, 1000000000000000000, so they have too \
+                    few digits";
+    assert!(error.contains(expected), "{error}");
+    dump.write_text(&dump.text().replace("1000000000000000032", "999999999999999999"));
+    assert!(dump.error().contains("grid 55: its edges along z go from"));
 }
 
 #[test]

@@ -2,18 +2,19 @@
 
 use std::path::Path;
 
-use super::listing::{Edge, ListedGrid};
+use super::listing::{Edge, ListedGrid, PRINTED_DIGITS};
 use super::parameters::parse_list;
-use crate::source::lines::{Lines, shown};
+use crate::source::lines::{Lines, printed_digits, shown};
 use crate::{Error, Result};
 
-/// Hands every grid of the hierarchy at `path` to `visit`.
+/// Hands every grid of the hierarchy at `path`, which has numbers of so many `digits`, to `visit`.
 ///
 /// # Errors
 /// A file that cannot be read, malformed or incomplete grids, `Pointer:` lines that name grids
 /// which aren't listed (a truncated file); and what `visit` returns.
 pub(super) fn for_each_grid(
     path: &Path,
+    digits: i32,
     visit: &mut dyn FnMut(ListedGrid) -> Result<()>,
 ) -> Result<()> {
     let mut lines = Lines::open(path)?;
@@ -30,7 +31,7 @@ pub(super) fn for_each_grid(
         let (key, value) = (key.trim(), value.trim());
         if key == "Grid" {
             let id = value.parse().map_err(|_| malformed(&lines, &line))?;
-            if let Some(done) = grid.replace(Draft { id, ..Draft::default() }) {
+            if let Some(done) = grid.replace(Draft { id, digits, ..Draft::default() }) {
                 visit(done.finish(path)?)?;
             }
             largest = largest.max(id);
@@ -54,6 +55,23 @@ pub(super) fn for_each_grid(
     Ok(())
 }
 
+/// Digits of the longest of all edges: shorter ones end in zeros, which `%g` does not print.
+///
+/// # Errors
+/// A file that cannot be read.
+pub(super) fn most_digits(path: &Path) -> Result<i32> {
+    let mut lines = Lines::open(path)?;
+    let mut digits = PRINTED_DIGITS;
+    while let Some(line) = lines.next()? {
+        let Some((key, value)) = line.split_once('=') else { continue };
+        if ["GridLeftEdge", "GridRightEdge"].contains(&key.trim()) {
+            let longest = value.split_whitespace().map(printed_digits).max();
+            digits = digits.max(longest.unwrap_or(0));
+        }
+    }
+    Ok(digits)
+}
+
 /// What each grid has one `Pointer:` line of, 0 where there is no such grid. The file ends with one.
 const POINTERS: [&str; 2] = ["NextGridThisLevel", "NextGridNextLevel"];
 
@@ -74,6 +92,7 @@ fn pointer(line: &str) -> Option<(usize, u64)> {
 #[derive(Default)]
 struct Draft {
     id: u64,
+    digits: i32,
     rank: Option<i64>,
     start: Option<[i64; 3]>,
     end: Option<[i64; 3]>,
@@ -81,6 +100,7 @@ struct Draft {
     right: Option<[Edge; 3]>,
     baryon_file: Option<String>,
     particle_file: Option<String>,
+    has_particles: bool,
 }
 
 impl Draft {
@@ -91,9 +111,10 @@ impl Draft {
             // Grids of fewer axes have shorter lists; their rank is refused later.
             "GridStartIndex" if self.is_solid() => self.start = Some(parse_list(value)?),
             "GridEndIndex" if self.is_solid() => self.end = Some(parse_list(value)?),
-            "GridLeftEdge" if self.is_solid() => self.left = Some(edges(value)?),
-            "GridRightEdge" if self.is_solid() => self.right = Some(edges(value)?),
+            "GridLeftEdge" if self.is_solid() => self.left = Some(self.edges(value)?),
+            "GridRightEdge" if self.is_solid() => self.right = Some(self.edges(value)?),
             "BaryonFileName" => self.baryon_file = Some(value.to_owned()),
+            "NumberOfParticles" => self.has_particles = value.parse().is_ok_and(|n: u64| n > 0),
             "ParticleFileName" => self.particle_file = Some(value.to_owned()),
             _ => {}
         }
@@ -102,6 +123,16 @@ impl Draft {
 
     fn is_solid(&self) -> bool {
         self.rank.is_none_or(|rank| rank == 3)
+    }
+
+    fn edges(&self, text: &str) -> Option<[Edge; 3]> {
+        let words: [String; 3] = parse_list(text)?;
+        let edge = |text: String| {
+            let value: f64 = text.parse().ok()?;
+            value.is_finite().then_some(Edge::Printed { text, value, digits: self.digits })
+        };
+        let [x, y, z] = words.map(edge);
+        Some([x?, y?, z?])
     }
 
     fn finish(self, path: &Path) -> Result<ListedGrid> {
@@ -122,16 +153,7 @@ impl Draft {
                 let reason = "has no BaryonFileName: truncated, or a run without baryon fields?";
                 Error::invalid(&place, reason)
             })?,
+            has_particles: self.has_particles,
         })
     }
-}
-
-fn edges(text: &str) -> Option<[Edge; 3]> {
-    let words: [String; 3] = parse_list(text)?;
-    let edge = |word: String| {
-        let value: f64 = word.parse().ok()?;
-        value.is_finite().then_some(Edge::Printed(word, value))
-    };
-    let [x, y, z] = words.map(edge);
-    Some([x?, y?, z?])
 }

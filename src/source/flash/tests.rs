@@ -45,6 +45,8 @@ fn a_folder_stands_for_the_one_file_in_it() {
     }
     // A link to it is no second output, and a copy of it is one.
     std::os::unix::fs::symlink(file.path(), folder.join("latest")).unwrap();
+    // Nor is what macOS keeps beside it, whatever it holds.
+    std::fs::copy(file.path(), folder.join("._copy")).unwrap();
     assert!(crate::source::open(&folder, None).is_ok());
     std::fs::copy(file.path(), folder.join("other")).unwrap();
     let error = crate::source::open(&folder, None).err().unwrap().to_string();

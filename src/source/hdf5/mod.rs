@@ -4,6 +4,8 @@
 //! return the same values; a file's claims never make either reserve more than `READ_VALUES`
 //! at a time or what the file really holds.
 
+#[cfg(any(test, not(feature = "libhdf5")))]
+mod extended;
 #[cfg(feature = "libhdf5")]
 mod native;
 mod pool;
@@ -19,6 +21,8 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 pub use pool::Pool;
+#[cfg(test)]
+pub(crate) use tests::quadruple;
 
 use crate::{Error, Result, regular_file};
 
@@ -42,6 +46,8 @@ const TABLE_ROWS: u64 = 1 << 16;
 pub enum Element {
     /// IEEE numbers of 16, 32 or 64 bits, either byte order.
     Float,
+    /// Numbers of 80 or 128 bits as C's `long double`, which are read in lists alone.
+    Extended,
     /// Signed or unsigned integers of 8 to 64 bits, either byte order.
     Integer,
     /// Strings of fixed or variable length.
@@ -75,6 +81,9 @@ pub enum Values {
     Integers(Vec<i64>),
     /// Floating point numbers.
     Floats(Vec<f64>),
+    /// Floating point numbers of more than 64 bits, each the sum of two doubles, the first alone nearly
+    /// the number.
+    Extended(Vec<[f64; 2]>),
     /// Strings without padding.
     Text(Vec<String>),
 }
@@ -93,6 +102,14 @@ impl Values {
         match self {
             Self::Floats(list) => list.as_slice().try_into().ok(),
             _ => None,
+        }
+    }
+
+    /// The floating point numbers of whatever size, each the sum of two doubles, if these are `N` of them.
+    pub fn sums<const N: usize>(&self) -> Option<[[f64; 2]; N]> {
+        match self {
+            Self::Extended(list) => list.as_slice().try_into().ok(),
+            _ => Some(self.floats()?.map(|number| [number, 0.0])),
         }
     }
 
@@ -126,6 +143,9 @@ trait Backend: Send + Sync {
 
     /// All strings of a dataset.
     fn strings(&self, path: &str) -> Result<Vec<String>, String>;
+
+    /// All numbers of a dataset of [`Element::Extended`].
+    fn extended(&self, path: &str) -> Result<Vec<[f64; 2]>, String>;
 
     /// Rows of a table of names and values: their members `name` and `value`, wherever in a row
     /// these lie. Values are lists of one.
@@ -256,7 +276,12 @@ impl File {
             Element::Text => {
                 Ok(Values::Text(self.backend.strings(path).map_err(|e| self.fault(path, e))?))
             }
-            Element::Other => Err(self.fault(path, "is neither numbers nor strings")),
+            Element::Extended => {
+                Ok(Values::Extended(self.backend.extended(path).map_err(|e| self.fault(path, e))?))
+            }
+            Element::Other => {
+                Err(self.fault(path, "is neither numbers of a kind that is read nor strings"))
+            }
         }
     }
 

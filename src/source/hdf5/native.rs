@@ -81,7 +81,7 @@ impl Backend for Native {
                 Element::Float => attribute.read_raw().ok().map(Values::Floats),
                 Element::Integer => attribute.read_raw().ok().map(Values::Integers),
                 Element::Text => strings(&attribute).ok().map(Values::Text),
-                Element::Other => None,
+                Element::Extended | Element::Other => None,
             };
             attributes.extend(values.map(|values| (name, values)));
         }
@@ -96,6 +96,11 @@ impl Backend for Native {
 
     fn strings(&self, path: &str) -> Result<Vec<String>, String> {
         strings(&*self.file.dataset(path).map_err(|e| reason(&e))?)
+    }
+
+    fn extended(&self, _path: &str) -> Result<Vec<[f64; 2]>, String> {
+        // The crate knows no such type: to `element` they are others.
+        Err("its numbers have more than 64 bits, which the C library's build does not read".into())
     }
 
     fn named_values(&self, path: &str) -> Result<Vec<(String, Values)>, String> {

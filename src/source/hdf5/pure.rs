@@ -10,6 +10,7 @@ use hdf5_reader::{
     StringSize,
 };
 
+use super::extended::Extended;
 use super::pure_number::{self, Half, Number, element, with_number};
 use super::{Backend, Dataset, Element, LIST_VALUES, Members, READ_VALUES, Values};
 
@@ -114,6 +115,7 @@ impl Backend for Pure {
         let dataset = self.file.dataset(path).map_err(|e| reason(&e))?;
         let element = match element(dataset.dtype()) {
             Element::Float | Element::Integer if !has_plain_bits(&dataset)? => Element::Other,
+            Element::Other if extended(&dataset)?.is_some() => Element::Extended,
             element => element,
         };
         Ok(Dataset { shape: dataset.shape().to_vec(), element })
@@ -127,6 +129,12 @@ impl Backend for Pure {
             .read_strings()
             .map_err(|e| reason(&e))?;
         Ok(strings.iter().map(|text| super::unpadded(text)).collect())
+    }
+
+    fn extended(&self, path: &str) -> Result<Vec<[f64; 2]>, String> {
+        let dataset = self.file.dataset(path).map_err(|e| reason(&e))?;
+        let kind = extended(&dataset)?.ok_or("its elements are not numbers of 80 or 128 bits")?;
+        Ok(kind.sums(&dataset.read_raw_bytes().map_err(|e| reason(&e))?))
     }
 
     fn named_values(&self, path: &str) -> Result<Vec<(String, Values)>, String> {
@@ -231,6 +239,15 @@ impl Block {
 fn has_plain_bits(dataset: &hdf5_reader::Dataset) -> Result<bool, String> {
     let datatype = dataset.raw_datatype().map_err(|e| reason(&e))?;
     Ok(pure_number::has_plain_bits(&datatype))
+}
+
+/// How a dataset's numbers are read if they are floats of more than 64 bits.
+fn extended(dataset: &hdf5_reader::Dataset) -> Result<Option<Extended>, String> {
+    if !matches!(dataset.dtype(), Datatype::FloatingPoint { .. }) {
+        return Ok(None);
+    }
+    let datatype = dataset.raw_datatype().map_err(|e| reason(&e))?;
+    Ok(Extended::of(&datatype))
 }
 
 /// A string member of a table's row.

@@ -25,6 +25,19 @@ fn half_float(exponent_bits: u8, mantissa_bits: u8) -> Datatype {
     datatype
 }
 
+/// IEEE's float of 128 bits.
+pub(crate) fn quadruple() -> Datatype {
+    let mut datatype = make_f64_type();
+    if let Datatype::FloatingPoint { size, layout, .. } = &mut datatype {
+        *size = 16;
+        layout.bit_precision = 128;
+        (layout.exponent_location, layout.exponent_size) = (112, 15);
+        layout.mantissa_size = 112;
+        layout.exponent_bias = 16383;
+    }
+    datatype
+}
+
 /// A float of 64 bits with another bias than IEEE's, and integers that leave bits of their bytes unused.
 fn unusual() -> [Datatype; 2] {
     let mut biased = make_f64_type();
@@ -82,6 +95,9 @@ fn example(path: &Path) {
     group.create_dataset("text").with_ascii_strings(&["dens", "pressure"]).unwrap();
     let half = vec![0x00, 0x3c, 0x00, 0xc0];
     group.create_dataset("half").with_raw_data(half_float(5, 10), half.clone(), 2);
+    let (one, end) = (0x3fff_u128 << 112, 1_u128 << 30);
+    let quadruples: Vec<u8> = [one, one | end].iter().flat_map(|v| v.to_le_bytes()).collect();
+    group.create_dataset("quadruple").with_raw_data(quadruple(), quadruples, 2);
     group.create_dataset("brain").with_raw_data(half_float(8, 7), half, 2);
     let [biased, shifted] = unusual();
     group.create_dataset("biased").with_raw_data(biased, 1f64.to_le_bytes().to_vec(), 1);
@@ -116,7 +132,7 @@ fn members_and_attributes() {
         assert_eq!(file.members("/").unwrap().groups, ["Grid00000001"]);
         let members = file.members("/Grid00000001").unwrap();
         assert_eq!(members.groups, ["DaughterGrids"]);
-        assert_eq!(members.datasets.len(), 15);
+        assert_eq!(members.datasets.len(), 16);
         assert_eq!(members.datasets[..4], ["biased", "big", "brain", "chunked"]);
         let attributes = file.attributes("/Grid00000001").unwrap();
         assert_eq!(attributes["GridRank"].integers(), Some([3]));
@@ -144,11 +160,26 @@ fn lists_of_every_kind() {
             ("brain", Values::Floats(vec![0.0078125, -2.0])),
             ("biased", Values::Floats(vec![23f64.exp2()])),
             ("shifted", Values::Integers(vec![3])),
+            ("quadruple", Values::Extended(vec![[1.0, 0.0], [1.0, 2f64.powi(-82)]])),
         ] {
             let found = file.values(&format!("/Grid00000001/{name}"));
             assert!(found.as_ref().map_or(true, |found| *found == expected), "{name}: {found:?}");
         }
     });
+}
+
+#[test]
+fn numbers_of_128_bits_are_read_as_lists_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("example.h5");
+    example(&path);
+    let file = File::open_with::<pure::Pure>(&path).unwrap();
+    let name = "/Grid00000001/quadruple";
+    assert_eq!(file.dataset(name).unwrap().element, Element::Extended);
+    let sums = file.values(name).unwrap().sums();
+    assert_eq!(sums, Some([[1.0, 0.0], [1.0, 2f64.powi(-82)]]));
+    assert!(file.read_f64(name, &[0], &[2], &mut [0.0; 2]).is_err());
+    assert_eq!(Values::Floats(vec![0.5]).sums(), Some([[0.5, 0.0]]));
 }
 
 #[test]
