@@ -43,9 +43,14 @@ pub struct Report {
 
 impl Report {
     fn add(&mut self, octree: Option<i32>, field: Option<usize>, reason: String) {
+        let damage = Damage { octree, field, reason };
+        // All bricks of a damaged page say the same of it.
+        if self.listed.last() == Some(&damage) {
+            return;
+        }
         self.damaged += 1;
         if self.listed.len() < LISTED {
-            self.listed.push(Damage { octree, field, reason });
+            self.listed.push(damage);
         }
     }
 }
@@ -255,5 +260,14 @@ mod tests {
         assert!(!filled(&[(130, 30), (100, 10), (105, 20)]));
         assert!(!filled(&[(100, 30), (100, 30)]));
         assert!(!filled(&[(100, 10), (110, 20)]));
+    }
+
+    #[test]
+    fn a_damaged_page_is_one_place() {
+        let mut report = Report::default();
+        for reason in ["index page 1", "index page 1", "index page 1", "index page 2"] {
+            report.add(Some(3), None, reason.to_owned());
+        }
+        assert_eq!((report.damaged, report.listed.len()), (2, 2));
     }
 }
