@@ -212,9 +212,9 @@ fn info_says_where_a_field_is_largest() {
 fn info_tells_of_the_fields_that_can_be_read() {
     let folder = tempfile::tempdir().unwrap();
     let run_folder = folder.path().join("run");
-    let recipe = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets_synthetic/one_level.toml");
+    let recipe = Path::new(env!("CARGO_MANIFEST_DIR")).join("datasets_synthetic/small.toml");
     run(&[&"synth", &recipe, &"-o", &run_folder, &"--format=athena"]).done();
-    let file = run_folder.join("DD0100/id0/DD0100.0000.vtk");
+    let file = run_folder.join("DD0000/id0/DD0000.0000.vtk");
     let mut bytes = std::fs::read(&file).unwrap();
     let title = b"SCALARS density float\nLOOKUP_TABLE default\n";
     let at = bytes.windows(title.len()).position(|window| window == title).unwrap() + title.len();
