@@ -80,10 +80,14 @@ fn survey(source: &dyn Source, memory: u64) -> Result<(Header, Vec<Value>)> {
         Ok(header) => return Ok((header, Vec::new())),
         Err(error) => error,
     };
-    let (mut readable, mut unreadable) = (Vec::new(), Vec::new());
+    let (mut readable, mut unreadable) = (Vec::new(), Vec::<(String, String)>::new());
     for name in names {
         match survey_fields(source, memory, std::slice::from_ref(&name)) {
             Ok(_) => readable.push(name),
+            // What is said of two fields is no fault of theirs.
+            Err(error) if unreadable.iter().any(|(_, said)| *said == error.to_string()) => {
+                return Err(first);
+            }
             Err(error) => unreadable.push((name, error.to_string())),
         }
     }

@@ -310,7 +310,7 @@ struct Grader<'g> {
 }
 
 impl Grader<'_> {
-    /// The values of a group, and what they may be in truth.
+    /// The values of a group, and what they may be in truth, of squares as well: these share the rates.
     fn range(&self, group: &Group) -> [f64; 2] {
         let reach = self.reach + group.storage(true).most();
         [group.low - reach, group.high + reach]

@@ -144,8 +144,10 @@ trait Backend: Send + Sync {
     /// All strings of a dataset.
     fn strings(&self, path: &str) -> Result<Vec<String>, String>;
 
-    /// All numbers of a dataset of [`Element::Extended`].
-    fn extended(&self, path: &str) -> Result<Vec<[f64; 2]>, String>;
+    /// All numbers of a dataset of [`Element::Extended`], where the backend knows any.
+    fn extended(&self, _path: &str) -> Result<Vec<[f64; 2]>, String> {
+        Err("its elements are not numbers that can be read".to_owned())
+    }
 
     /// Rows of a table of names and values: their members `name` and `value`, wherever in a row
     /// these lie. Values are lists of one.

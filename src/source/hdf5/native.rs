@@ -98,11 +98,6 @@ impl Backend for Native {
         strings(&*self.file.dataset(path).map_err(|e| reason(&e))?)
     }
 
-    fn extended(&self, _path: &str) -> Result<Vec<[f64; 2]>, String> {
-        // The crate knows no such type: to `element` they are others.
-        Err("its numbers have more than 64 bits, which the C library's build does not read".into())
-    }
-
     fn named_values(&self, path: &str) -> Result<Vec<(String, Values)>, String> {
         let table = self.file.dataset(path).map_err(|e| reason(&e))?;
         let Ok(TypeDescriptor::Compound(row)) = table.dtype().and_then(|t| t.to_descriptor())
