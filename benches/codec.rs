@@ -1,16 +1,17 @@
-//! `cargo bench --bench codec`: what byte planes cost to split and to join on one thread, in GB/s of
-//! values.
+//! `cargo bench --bench codec`: what it costs to take payloads apart and to put them together on one
+//! thread, without compression, in GB/s of values.
 //!
-//! Each figure is the best of several rounds over blocks that stay in the core's cache.
+//! Each figure is the best of several rounds over a brick that stays in the core's cache.
 
 use std::hint::black_box;
 use std::time::Instant;
 
-use deepfield::cache::planes;
+use deepfield::cache::parts::{Joiner, Splitter};
+use deepfield::cache::{Block, PARTS, RawBrick, state};
 
-/// Values of a brick of 16³ cells with ghosts and its parent's block.
-const VALUES: usize = 18 * 18 * 18 + 10 * 10 * 10;
-const TIMES: usize = 2000;
+/// Cells along the edges of a brick of 16³ cells with ghosts and of its parent's block.
+const SIDES: [usize; 2] = [18, 10];
+const TIMES: usize = 1000;
 const ROUNDS: usize = 7;
 
 fn main() {
@@ -18,51 +19,35 @@ fn main() {
     if std::env::args().any(|argument| argument == "--test") {
         return;
     }
-    let values: Vec<f32> = (0..VALUES).map(|n| (n as f32 * 0.011).sin() + 2.0).collect();
-    let mut bytes = vec![0; 4 * VALUES];
-    let mut joined = vec![0.0_f32; VALUES];
-    report("split", &mut || split(black_box(&values), &mut bytes));
-    split(&values, &mut bytes);
-    for join in [join, plain] {
-        joined.fill(0.0);
-        join(&bytes, &mut joined);
-        assert!(
-            values.iter().zip(&joined).all(|(value, joined)| value.to_bits() == joined.to_bits())
-        );
+    let brick = RawBrick { blocks: SIDES.map(block).to_vec() };
+    let (mut splitter, mut joiner) = (Splitter::default(), Joiner::default());
+    let mut parts: [Vec<u8>; PARTS] = Default::default();
+    report("split", &mut || splitter.split(black_box(&brick), &mut parts));
+    let mut joined = brick.clone();
+    for read in 1..=PARTS {
+        let mut some = [&[][..]; PARTS];
+        for (some, part) in some.iter_mut().zip(&parts).take(read) {
+            *some = part;
+        }
+        let name = format!("join, {read} of {PARTS} parts");
+        report(&name, &mut || assert_eq!(joiner.join(black_box(some), &mut joined), Ok(())));
     }
-    report("join", &mut || join(black_box(&bytes), &mut joined));
-    report("join, plain twin", &mut || plain(black_box(&bytes), &mut joined));
-    report("copy", &mut || joined.copy_from_slice(black_box(&values)));
+    assert_eq!(joined, brick);
+    report("copy", &mut || joined.clone_from(black_box(&brick)));
 }
 
-fn split(values: &[f32], bytes: &mut [u8]) {
-    let (low, high) = bytes.split_at_mut(2 * VALUES);
-    let ((a, b), (c, d)) = (low.split_at_mut(VALUES), high.split_at_mut(VALUES));
-    planes::split(values, [a, b, c, d]);
-}
-
-fn join(bytes: &[u8], values: &mut [f32]) {
-    let plane = |n: usize| &bytes[n * VALUES..(n + 1) * VALUES];
-    planes::join([plane(0), plane(1), plane(2), plane(3)], values);
-}
-
-/// Value by value, as a compiler that finds no better way would.
-fn plain(bytes: &[u8], values: &mut [f32]) {
-    for (n, value) in values.iter_mut().enumerate() {
-        let byte = |plane: usize| black_box(bytes[plane * VALUES + n]);
-        let bits = u32::from_le_bytes([byte(0), byte(1), byte(2), byte(3)]);
-        // The lower half, and the lowest byte, count as negative from their middles on.
-        let bits = bits.wrapping_sub((bits & 0x8000) << 1);
-        *value = f32::from_bits(bits.wrapping_sub((bits & 0x80) << 1));
-    }
+fn block(side: usize) -> Block {
+    let values = (0..side.pow(3)).map(|n| (n as f32 * 0.011).sin() + 2.0).collect();
+    Block { side, values, states: vec![state::EXISTS; side.pow(3)] }
 }
 
 fn report(name: &str, run: &mut dyn FnMut()) {
+    let bytes = 4 * SIDES.map(|side| side.pow(3)).iter().sum::<usize>();
     let mut best = f64::INFINITY;
     for _ in 0..ROUNDS {
         let started = Instant::now();
         (0..TIMES).for_each(|_| run());
         best = best.min(started.elapsed().as_secs_f64());
     }
-    println!("{name:<18}{:>8.2} GB/s", (4 * VALUES * TIMES) as f64 / best / 1e9);
+    println!("{name:<18}{:>8.2} GB/s", (bytes * TIMES) as f64 / best / 1e9);
 }

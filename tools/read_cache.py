@@ -17,10 +17,12 @@ import numpy as np
 from xxhash import xxh3_64_intdigest as digest
 from zstandard import ZstdDecompressor, ZstdError
 
-PAGE, NODE, FIELD = 65536, struct.Struct("<QQQIIIBBBB"), struct.Struct("<6Q3I8f4B")
+PAGE, NODE, FIELD = 65536, struct.Struct("<QQQIIIBBBB"), struct.Struct("<8Q4I9f4B")
 EXISTS, REFINED, VOID, COARSER = 1, 2, 4, 16
-# Bytes of a cell in each part of a payload.
-PARTS = 3, 1, 1
+# Where a field's record has these.
+FLAGS, BLOCKS = 21, 22
+# The lowest bit of values that each part of a payload tells.
+PARTS = 16, 12, 8, 0
 
 
 def need(condition, reason):
@@ -50,7 +52,7 @@ class Numbers:
 def read_header(data):
     """The header as a dictionary, and its length."""
     magic, version, length, checksum = struct.unpack_from("<8sIIQ", data)
-    need(magic == b"\x89DFC\r\n\x1a\n" and version == 7, "no cache of version 7")
+    need(magic == b"\x89DFC\r\n\x1a\n" and version == 8, "no cache of version 8")
     need(digest(data[24:length]) == checksum, "the header is damaged")
     body = Numbers(data[24:length])
     names = "file_bytes index_offset index_pages page_table_checksum".split()
@@ -104,44 +106,66 @@ def check_tree(records):
         need(depth == max((1 + c[7] for c in children), default=0), f"brick {number}: depth")
         need(leaf == existing - refined, f"brick {number}: leaf cells")
         for _, children in records[first : first + len(octants)]:
-            void = (c[17] & 8 <= f[17] & 8 for c, f in zip(children, fields))
+            void = (c[FLAGS] & 8 <= f[FLAGS] & 8 for c, f in zip(children, fields))
             need(all(void), f"brick {number}: a child fills void")
 
 
 def decode(data, number, field, record, edge):
     """States and values of one payload: all blocks, and the side of the first and the last."""
     seed = (number * 0x9E3779B97F4A7C15 & 0xFFFFFFFFFFFFFFFF) ^ field
-    sides = [max(edge >> up, 1) + 2 for up in range(record[18] + 1)]
+    sides = [max(edge >> up, 1) + 2 for up in range(record[BLOCKS] + 1)]
     cells, raw = sum(side**3 for side in sides), []
-    parts = zip(PARTS, record[:3], record[3:6], record[6:9])
-    for part, (each, offset, checksum, length) in enumerate(parts):
-        stored = data[offset : offset + length]
+    sizes = 3 * cells, (cells + 1) // 2, (cells + 1) // 2, cells
+    for part, (offset, checksum, length) in enumerate(zip(record[:4], record[4:8], record[8:12])):
+        stored, size = data[offset : offset + length], sizes[part]
         if stored:
             need(digest(stored, seed=seed ^ part << 32) == checksum, f"brick {number}: damaged")
-            raw.append(ZstdDecompressor().decompress(stored, max_output_size=each * cells))
+            raw.append(ZstdDecompressor().decompress(stored, max_output_size=size))
         else:
             need(part and not checksum and not offset, f"brick {number}: a part is missing")
-            raw.append(bytes(cells))
-        need(len(raw[-1]) == each * cells, f"brick {number}: payload has another length")
+            raw.append(bytes(size))
+        need(len(raw[-1]) == size, f"brick {number}: payload has another length")
     states = np.frombuffer(raw[0], np.uint8, cells)
-    high = np.frombuffer(raw[0], np.uint8, 2 * cells, cells).reshape(2, cells)
-    low = [np.frombuffer(plane, np.uint8) for plane in reversed(raw[1:])]
-    carried = np.ascontiguousarray(np.stack([*low, *high]).T).view("<u4").ravel()
-    values = [uncarry(carried & ~np.uint32(kept), carried) for kept in (0xFFFF, 0xFF, 0)]
+    coded = sums(folded(raw[0][cells:]), sides).astype(np.uint16).astype(np.uint32) << 16
+    for part in 1, 2:
+        pairs = np.frombuffer(raw[part], np.uint8)
+        digits = np.stack([pairs & 15, pairs >> 4]).T.ravel()[:cells]
+        coded |= (sums(digits, sides) & 15).astype(np.uint32) << PARTS[part]
+    coded |= np.frombuffer(raw[3], np.uint8)
+    coded[states & EXISTS == 0] = 0
+    values = [uncarry(coded >> lowest << lowest) for lowest in PARTS]
     check_errors(number, record, states, values)
     return states, values[-1], sides
 
 
-def uncarry(kept, carried):
-    """Values of the bits that are kept: lower bytes of which the first bit is set are negative."""
-    half = kept - ((kept & np.uint32(0x8000)) << np.uint32(1))
-    return (half - ((half & np.uint32(0x80)) << np.uint32(1))).view("<f4")
+def folded(planes):
+    """Differences of the leading 16 bits: 0, -1, 1, -2, ... are told as 0, 1, 2, 3, ..."""
+    low, high = np.frombuffer(planes, np.uint8).reshape(2, -1).astype(np.int64)
+    number = high << 8 | low
+    return number >> 1 ^ -(number & 1)
+
+
+def sums(differences, sides):
+    """Numbers of all blocks' cells, of differences along all three axes."""
+    blocks, at = [], 0
+    for side in sides:
+        block = differences[at : at + side**3].astype(np.int64).reshape(side, side, side)
+        blocks.append(block.cumsum(0).cumsum(1).cumsum(2).ravel())
+        at += side**3
+    return np.concatenate(blocks)
+
+
+def uncarry(coded):
+    """Values of the bits that are kept: digits of which the first bit is set are negative."""
+    for middle in 0x8000, 0x800, 0x80:
+        coded = coded - ((coded & np.uint32(middle)) << np.uint32(1))
+    return coded.view("<f4")
 
 
 def check_errors(number, record, states, values):
     """What values in fewer digits are off by."""
-    short, medium, full = (v[states & EXISTS > 0].astype(float) for v in values)
-    for said, rounded, length in zip(record[15:17], (short, medium), record[7:9]):
+    *fewer, full = (v[states & EXISTS > 0].astype(float) for v in values)
+    for said, rounded, length in zip(record[18:21], fewer, record[9:12]):
         rounded, limit = np.nan_to_num(rounded, nan=0.0), np.finfo("f4").max
         off = np.abs(np.clip(rounded, -limit, limit) - np.nan_to_num(full, nan=0.0))
         # 1 is no bound.
@@ -153,8 +177,8 @@ def check_errors(number, record, states, values):
 def check_cells(number, node, record, edge, states, values, sides):
     """Range, completeness, counts and children of one payload."""
     first, last = sides[0], sides[-1]
-    held, nan = values[states & EXISTS > 0], bool(record[17] & 2)
-    sound = (record[9] <= held) & (held <= record[10]) | (nan & np.isnan(held))
+    held, nan = values[states & EXISTS > 0], bool(record[FLAGS] & 2)
+    sound = (record[12] <= held) & (held <= record[13]) | (nan & np.isnan(held))
     need(sound.all(), f"brick {number}: a value lies outside its range")
     need(states[-(last**3) :].all(), f"brick {number}: its last block has holes")
     own = states[: first**3].reshape((first,) * 3)[1:-1, 1:-1, 1:-1]
@@ -184,14 +208,14 @@ def main():
     check_tree(records)
     for number, (node, fields) in enumerate(records):
         for field, record in enumerate(fields):
-            need(bool(record[17] & 1) == (record[6] == 0), f"brick {number}: void and stored")
-            if record[6]:
+            need(bool(record[FLAGS] & 1) == (record[8] == 0), f"brick {number}: void and stored")
+            if record[8]:
                 states, values, sides = decode(data, number, field, record, edge)
                 check_cells(number, node, record, edge, states, values, sides)
                 fills = len(sides) > 1 and is_filled(states, sides)
-                says = records[node[1]][1][field][17] & 8
+                says = records[node[1]][1][field][FLAGS] & 8
                 need(says or not fills, f"brick {node[1]}: fills void without saying so")
-                end += sum(record[6:9])
+                end += sum(record[8:12])
     padding = data[end : header["index_offset"]]
     need(len(padding) < PAGE and not any(padding), "bytes between payloads and index")
     print(f"sound: {len(records)} bricks, {header['index_pages']} pages, {len(data)} bytes")

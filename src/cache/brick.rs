@@ -1,7 +1,6 @@
 //! A brick's content as the cache stores it.
 
-use super::codec::PARTS;
-use super::planes::rounding_errors;
+use super::digits::{PARTS, rounding_errors};
 use crate::{Error, Result};
 
 /// Bits of a cell's state.
@@ -140,7 +139,9 @@ impl RawBrick {
     /// The largest relative differences of a value in fewer digits, rounded up.
     pub(super) fn rounding_errors(&self) -> [f32; PARTS - 1] {
         let of_blocks = self.blocks.iter().map(|block| rounding_errors(&block.values));
-        of_blocks.fold([0.0; 2], |[a, b], [c, d]| [a.max(c), b.max(d)])
+        of_blocks.fold([0.0; PARTS - 1], |most, errors| {
+            std::array::from_fn(|part| errors[part].max(most[part]))
+        })
     }
 
     /// Brings values of existing cells between `low` and `high`; NaN stays.
@@ -223,8 +224,7 @@ impl BrickShape {
         (0..blocks).map(|up| self.side(up).pow(3)).sum()
     }
 
-    /// Bytes of a payload with `blocks` blocks before compression: a state byte and a 4-byte
-    /// value for each cell.
+    /// Bytes of a decoded payload with `blocks` blocks: a state byte and a 4-byte value for each cell.
     pub fn payload_bytes(self, blocks: usize) -> usize {
         5 * self.cells_in_blocks(blocks)
     }

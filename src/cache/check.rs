@@ -1,8 +1,8 @@
 //! Whether a decoded payload is what the index says, and fits its place.
 
 use super::brick::{Block, BrickPlace, RawBrick, state};
+use super::digits::NAN_BITS;
 use super::header::Header;
-use super::planes::NAN_BITS;
 use super::record::{FieldRecord, NodeRecord};
 use crate::space::cells_at;
 

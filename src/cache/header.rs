@@ -9,13 +9,13 @@ use crate::space::{Domain, MAX_OCTREE_LEVEL};
 /// First bytes of every cache: the high bit and the line ends show transfers in text mode.
 pub(super) const MAGIC: [u8; 8] = *b"\x89DFC\r\n\x1a\n";
 /// Version of the layout.
-pub(super) const VERSION: u32 = 7;
+pub(super) const VERSION: u32 = 8;
 /// Bytes before the header's variable part: magic, version, length of the whole header, checksum.
 pub(super) const PREFIX_BYTES: usize = 24;
 /// Longest header.
 pub(super) const MAX_HEADER_BYTES: u32 = 16 << 20;
 /// Most fields of a cache: the records of a brick fit into one page of the index.
-pub const MAX_FIELDS: usize = 640;
+pub const MAX_FIELDS: usize = 512;
 /// Largest power of two that scales a field; more is never needed to bring f64 into f32's range.
 const MAX_EXPONENT: u32 = 1000;
 /// Most averaged levels above the root grid: what 2²⁴ root cells and 8³ bricks need.

@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::brick::BrickPlace;
 use super::bytes::ByteReader;
 use super::checksum::checksum_at;
-use super::codec::Precision;
+use super::digits::Precision;
 use super::header::{Header, MAX_FIELDS};
 use super::record::{FieldRecord, NodeRecord};
 use super::window::Window;

@@ -4,7 +4,8 @@ use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 use super::brick::{BrickPlace, RawBrick, state};
-use super::codec::{Decoder, Precision};
+use super::codec::Decoder;
+use super::digits::Precision;
 use super::index::Cursor;
 use super::reader::Cache;
 use super::record::{BrickEntry, FieldRecord, NodeRecord};

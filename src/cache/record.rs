@@ -2,7 +2,8 @@
 //! [`FieldRecord`].
 
 use super::bytes::{ByteReader, ByteWriter};
-use super::codec::{PARTS, Precision, decompressed};
+use super::codec::decompressed;
+use super::digits::{PARTS, Precision};
 
 /// What the index says of a brick and what lies beneath it, whatever the field.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -93,8 +94,7 @@ pub struct FieldRecord {
     /// Bound of |own interpolant − finest interpolant| in the box where log10 of the field's value
     /// is interpolated (floored at the smallest positive leaf value, as scenes floor it).
     pub residual_log10: f32,
-    /// Largest relative difference of a value from the stored one, where the last two parts are left
-    /// out ([`Precision::Short`]), and where the last is.
+    /// Largest relative difference of a value from the stored one in each of [`Precision::FEWER`].
     pub errors: [f32; PARTS - 1],
     /// [`Self::VOID`] | [`Self::NAN_OWN`] | [`Self::NAN_TREE`] | [`Self::FILLS_VOID`].
     pub flags: u8,
@@ -104,7 +104,7 @@ pub struct FieldRecord {
 
 impl FieldRecord {
     /// Bytes on disk.
-    pub const BYTES: usize = 96;
+    pub const BYTES: usize = 120;
     /// Nothing in the box, at any level, emits or absorbs: all was dropped, or lies outside.
     pub const VOID: u8 = 1;
     /// The payload holds NaN.
@@ -129,21 +129,22 @@ impl FieldRecord {
         let place = (self.offsets, self.checksums, self.lengths, self.parent_blocks);
         !self.fills_void()
             && place == ([0; PARTS], [0; PARTS], [0; PARTS], 0)
-            && self.errors == [0.0; 2]
+            && self.errors == [0.0; PARTS - 1]
             && self.own == EMPTY_RANGE
             && self.tree == EMPTY_RANGE
     }
 
     /// Whether there are the parts that errors without them ask for, and no others.
     fn has_sound_parts(&self) -> bool {
-        let [short, medium] = self.errors;
         let is_there = |part: usize| self.lengths[part] > 0;
         let is_sound = |part: usize| {
             is_there(part) == (self.errors[part - 1] > 0.0)
                 && (is_there(part) || (self.offsets[part], self.checksums[part]) == (0, 0))
         };
-        let errors = 0.0 <= medium && medium <= short && short <= 1.0;
-        errors && is_sound(1) && is_sound(2)
+        let is_error = |error: f32| (0.0..=1.0).contains(&error);
+        let errors =
+            self.errors.into_iter().all(is_error) && self.errors.is_sorted_by(|a, b| a >= b);
+        errors && (1..PARTS).all(is_sound)
     }
 
     /// Where those parts lie in the file that values of such `precision` take and that hold something:
@@ -211,14 +212,14 @@ impl FieldRecord {
     /// payload.
     pub(crate) fn read(bytes: &mut ByteReader<'_>) -> Option<Self> {
         let record = Self {
-            offsets: [bytes.u64()?, bytes.u64()?, bytes.u64()?],
-            checksums: [bytes.u64()?, bytes.u64()?, bytes.u64()?],
-            lengths: [bytes.u32()?, bytes.u32()?, bytes.u32()?],
+            offsets: all(|| bytes.u64())?,
+            checksums: all(|| bytes.u64())?,
+            lengths: all(|| bytes.u32())?,
             own: [bytes.f32()?, bytes.f32()?],
             tree: [bytes.f32()?, bytes.f32()?],
             residual_linear: bytes.f32()?,
             residual_log10: bytes.f32()?,
-            errors: [bytes.f32()?, bytes.f32()?],
+            errors: all(|| bytes.f32())?,
             flags: bytes.u8()?,
             parent_blocks: bytes.u8()?,
         };
@@ -231,6 +232,15 @@ impl FieldRecord {
         (tail && enclosed && ordered && residuals && void && record.has_sound_parts())
             .then_some(record)
     }
+}
+
+/// Numbers one after another; none where one is missing.
+fn all<T: Copy + Default, const N: usize>(mut read: impl FnMut() -> Option<T>) -> Option<[T; N]> {
+    let mut numbers = [T::default(); N];
+    for number in &mut numbers {
+        *number = read()?;
+    }
+    Some(numbers)
 }
 
 /// The [min, max] of nothing: all cells NaN, or none.
@@ -256,7 +266,7 @@ mod tests {
     #[test]
     fn ranges_are_in_order_or_empty_and_enclose_each_other() {
         let is_read = |own: [f32; 2], tree: [f32; 2]| {
-            let (offsets, lengths) = ([1, 0, 0], [1, 0, 0]);
+            let (offsets, lengths) = ([1, 0, 0, 0], [1, 0, 0, 0]);
             let record = FieldRecord { offsets, lengths, own, tree, ..FieldRecord::default() };
             let mut bytes = ByteWriter::default();
             record.write(&mut bytes);

@@ -5,7 +5,8 @@ use std::os::unix::fs::FileExt;
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::brick::RawBrick;
-use super::codec::{Decoder, Precision};
+use super::codec::Decoder;
+use super::digits::Precision;
 use super::header::TreeLevel;
 use super::index::{Cursor, PAGE_BYTES};
 use super::reader::Cache;

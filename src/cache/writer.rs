@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use super::bytes::ByteWriter;
 use super::checksum::{checksum, checksum_at, payload_place};
-use super::codec::{PARTS, Payload};
+use super::codec::Payload;
+use super::digits::PARTS;
 use super::header::{Header, MAX_HEADER_BYTES, PREFIX_BYTES};
 use super::index::{PAGE_BYTES, record_bytes, records_per_page};
 use super::record::{FieldRecord, NodeRecord};
@@ -20,7 +21,7 @@ pub struct Writer {
     file: AtomicFile,
     header_bytes: u64,
     end: u64,
-    /// Payloads' first parts, second and third ones.
+    /// Payloads' first parts, second ones and so on.
     streams: [Stream; PARTS],
 }
 

@@ -9,7 +9,7 @@ use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
 pub(crate) const PAGE: usize = 64 << 10;
 const PREFIX: usize = 24;
 const NODE: usize = 40;
-const FIELD: usize = 96;
+const FIELD: usize = 120;
 
 /// How a number is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -123,13 +123,16 @@ const NODE_RECORD: [(&str, Kind); 10] = [
     ("reserved", Kind::U8),
 ];
 
-const FIELD_RECORD: [(&str, Kind); 19] = [
+const FIELD_RECORD: [(&str, Kind); 23] = [
+    ("payload offset", Kind::U64),
     ("payload offset", Kind::U64),
     ("payload offset", Kind::U64),
     ("payload offset", Kind::U64),
     ("payload checksum", Kind::U64),
     ("payload checksum", Kind::U64),
     ("payload checksum", Kind::U64),
+    ("payload checksum", Kind::U64),
+    ("part's length", Kind::U32),
     ("part's length", Kind::U32),
     ("part's length", Kind::U32),
     ("part's length", Kind::U32),
@@ -139,6 +142,7 @@ const FIELD_RECORD: [(&str, Kind); 19] = [
     ("tree max", Kind::F32),
     ("residual", Kind::F32),
     ("residual", Kind::F32),
+    ("rounding error", Kind::F32),
     ("rounding error", Kind::F32),
     ("rounding error", Kind::F32),
     ("flags", Kind::U8),

@@ -2,7 +2,7 @@
 
 use super::anatomy::{Anatomy, Kind, Number, PAGE, word};
 use super::noise::Noise;
-use super::payload::{compress, compress_parts, raw_parts, rounding_errors};
+use super::payload::{PARTS, Payload, compress};
 
 /// What must come of a damaged cache.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -172,37 +172,38 @@ impl Sound {
         }
     }
 
-    fn with_raw(&self, place: (usize, usize), raw: &[u8]) -> Vec<u8> {
-        let parts = compress_parts(raw);
+    fn with_payload(&self, place: (usize, usize), payload: &Payload) -> Vec<u8> {
+        let parts = payload.compressed();
         let parts = parts.each_ref().map(Vec::as_slice);
-        self.anatomy.with_payload(&self.bytes, place, (parts, rounding_errors(raw)))
+        self.anatomy.with_payload(&self.bytes, place, (parts, payload.rounding_errors()))
     }
 
     /// Cells in another state: all of those in the brick itself are counted in the index.
     fn states(&self, noise: &mut Noise) -> Damaged {
         let place = self.some_payload(noise);
-        let mut raw = self.anatomy.raw(&self.bytes, place.0, place.1);
+        let mut payload = self.anatomy.payload(&self.bytes, place.0, place.1);
         let side = self.anatomy.edge + 2;
         let at = noise.below(side.pow(3));
         let inside = [at % side, at / side % side, at / side / side];
         let inside = inside.iter().all(|i| (1..side - 1).contains(i));
-        let old = raw[at];
-        while raw[at] == old {
-            raw[at] = *noise.pick(&[0, 1, 2, 3, 4, 5, 7, 8, 9, 16, 255]);
+        let old = payload.states[at];
+        while payload.states[at] == old {
+            payload.states[at] = *noise.pick(&[0, 1, 2, 3, 4, 5, 7, 8, 9, 16, 255]);
         }
-        let valid = [0, 1, 3, 5, 7, 8].contains(&raw[at]);
-        let counted = inside && (raw[at] & 3 != old & 3 || (raw[at] == 8) != (old == 8));
-        let moved = (raw[at] == 8) != (old == 8);
+        let new = payload.states[at];
+        let valid = [0, 1, 3, 5, 7, 8].contains(&new);
+        let counted = inside && (new & 3 != old & 3 || (new == 8) != (old == 8));
+        let moved = (new == 8) != (old == 8);
         let found = !valid || counted || moved;
         let expected = if found { Expected::Found } else { Expected::Sound };
-        Damaged { what: "states".into(), bytes: self.with_raw(place, &raw), expected }
+        Damaged { what: "states".into(), bytes: self.with_payload(place, &payload), expected }
     }
 
     /// Other values in existing cells; those beyond the brick's range must be found.
     fn values(&self, noise: &mut Noise) -> Damaged {
         let place = self.some_payload(noise);
-        let mut raw = self.anatomy.raw(&self.bytes, place.0, place.1);
-        let cells = raw.len() / 5;
+        let mut payload = self.anatomy.payload(&self.bytes, place.0, place.1);
+        let cells = payload.states.len();
         let range = self.anatomy.field_numbers(place.0, place.1);
         let limit = |name: &str| {
             let number = range.iter().find(|number| number.name == name).unwrap();
@@ -210,7 +211,7 @@ impl Sound {
         };
         let (least, most) = (limit("own min"), limit("own max"));
         let mut at = noise.below(cells);
-        while raw[at] & 1 == 0 {
+        while payload.states[at] & 1 == 0 {
             at = (at + 1) % cells;
         }
         let value = *noise.pick(&[
@@ -223,25 +224,19 @@ impl Sound {
             least,
             most,
         ]);
-        // Upper bytes are those of the value rounded to them.
-        let carry = |bits: u32, middle: u32| bits.wrapping_add((bits & middle) << 1);
-        let rounded = carry(carry(value.to_bits(), 0x80), 0x8000).to_le_bytes();
-        for (plane, byte) in [4, 3, 1, 2].into_iter().zip(rounded) {
-            raw[cells * plane + at] = byte;
-        }
+        payload.set(at, value);
         let inside = least <= value && value <= most;
         let expected = if inside { Expected::Sound } else { Expected::Found };
-        Damaged { what: "values".into(), bytes: self.with_raw(place, &raw), expected }
+        Damaged { what: "values".into(), bytes: self.with_payload(place, &payload), expected }
     }
 
     /// Payloads that are too short, too long, vast, or no compressed bytes at all.
     fn payload_shape(&self, noise: &mut Noise) -> Damaged {
         let place = self.some_payload(noise);
-        let raw = self.anatomy.raw(&self.bytes, place.0, place.1);
-        let raw = raw_parts(&raw);
-        let mut parts = raw.map(compress);
-        let part = noise.below(3);
-        let raw = raw[part];
+        let raw = self.anatomy.payload(&self.bytes, place.0, place.1).parts();
+        let mut parts = raw.each_ref().map(|raw| compress(raw));
+        let part = noise.below(PARTS);
+        let raw = &raw[part][..];
         parts[part] = match noise.below(6) {
             0 => compress(&raw[..noise.below(raw.len())]),
             1 => compress(&[raw, &raw[..1 + noise.below(raw.len() - 1)]].concat()),
@@ -251,7 +246,7 @@ impl Sound {
             _ => [compress(raw), compress(raw)].concat(),
         };
         let parts = parts.each_ref().map(Vec::as_slice);
-        let bytes = self.anatomy.with_payload(&self.bytes, place, (parts, [1.0; 2]));
+        let bytes = self.anatomy.with_payload(&self.bytes, place, (parts, [1.0; PARTS - 1]));
         Damaged { what: "payload's shape".into(), bytes, expected: Expected::Found }
     }
 
@@ -259,14 +254,14 @@ impl Sound {
         let donor = if noise.below(2) == 0 { self } else { other };
         let (node, field) = donor.some_payload(noise);
         let mut parts = donor.anatomy.stored(&donor.bytes, node, field);
-        let part = noise.below(4);
+        let part = noise.below(PARTS + 1);
         let damaged;
-        if part < 3 && !parts[part].is_empty() {
+        if part < PARTS && !parts[part].is_empty() {
             damaged = noise.damage(parts[part]);
             parts[part] = &damaged;
         }
         let place = self.some_payload(noise);
-        let bytes = self.anatomy.with_payload(&self.bytes, place, (parts, [1.0; 2]));
+        let bytes = self.anatomy.with_payload(&self.bytes, place, (parts, [1.0; PARTS - 1]));
         Damaged { what: "payload spliced".into(), bytes, expected: Expected::Sound }
     }
 

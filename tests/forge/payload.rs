@@ -4,13 +4,141 @@ use std::ops::Range;
 
 use super::anatomy::{Anatomy, PAGE, payload_checksum, word};
 
-/// Where a field record says what of its payload.
-const CHECKSUM: usize = 24;
-const LENGTH: usize = 48;
-const ERRORS: usize = 84;
+/// Parts of a payload.
+pub(crate) const PARTS: usize = 4;
 
-/// Parts of a payload, and bytes of a cell in each.
-const BYTES_PER_CELL: [usize; 3] = [3, 1, 1];
+/// Where a field record says what of its payload.
+const CHECKSUM: usize = 8 * PARTS;
+const LENGTH: usize = 16 * PARTS;
+const ERRORS: usize = 20 * PARTS + 24;
+const BLOCKS: usize = ERRORS + 4 * (PARTS - 1) + 1;
+
+/// The lowest bit that each part tells of values, and how many it tells.
+const DIGITS: [(u32, u32); PARTS] = [(16, 16), (12, 4), (8, 4), (0, 8)];
+
+/// States and values of a payload, block after block.
+#[derive(Debug, Clone)]
+pub(crate) struct Payload {
+    /// Cells along the edge of each block.
+    sides: Vec<usize>,
+    /// Of each cell.
+    pub(crate) states: Vec<u8>,
+    /// Values as the cache codes them: bits of f32 with their carries.
+    coded: Vec<u32>,
+}
+
+impl Payload {
+    /// Gives cell `at` another value.
+    pub(crate) fn set(&mut self, at: usize, value: f32) {
+        let carry = |bits: u32, middle: u32| bits.wrapping_add((bits & middle) << 1);
+        self.coded[at] = [0x80, 0x800, 0x8000].into_iter().fold(value.to_bits(), carry);
+    }
+
+    /// Calls `visit` with `numbers` of cells, a cell, and what those before it in its block foretell.
+    fn each(&self, numbers: &mut [u32], mut visit: impl FnMut(&mut u32, usize, u32)) {
+        let mut start = 0;
+        for &side in &self.sides {
+            for at in 0..side.pow(3) {
+                let cell = [at % side, at / side % side, at / side / side];
+                let mut foretold = 0u32;
+                for corner in 1..8usize {
+                    let back = [0, 1, 2].map(|axis| corner >> axis & 1);
+                    if (0..3).all(|axis| back[axis] <= cell[axis]) {
+                        let behind = back[0] + side * (back[1] + side * back[2]);
+                        let number = numbers[start + at - behind];
+                        let sign = if corner.count_ones() % 2 == 1 { 1 } else { u32::MAX };
+                        foretold = foretold.wrapping_add(number.wrapping_mul(sign));
+                    }
+                }
+                visit(&mut numbers[start + at], start + at, foretold);
+            }
+            start += side.pow(3);
+        }
+    }
+
+    /// Adds to the coded values what a part tells.
+    fn join(&mut self, part: usize, raw: &[u8]) {
+        let (lowest, bits) = DIGITS[part];
+        let cells = self.states.len();
+        let difference = |cell: usize| match part {
+            0 => {
+                let [low, high] = [raw[cells + cell], raw[2 * cells + cell]].map(u32::from);
+                let folded = high << 8 | low;
+                if folded & 1 == 0 { folded >> 1 } else { !(folded >> 1) }
+            }
+            3 => raw[cell].into(),
+            _ => u32::from(raw[cell / 2]) >> (4 * (cell % 2)),
+        };
+        let mut numbers = vec![0; cells];
+        self.each(&mut numbers, |number, cell, foretold| {
+            let foretold = if part == 3 { 0 } else { foretold };
+            *number = difference(cell).wrapping_add(foretold) & ((1 << bits) - 1);
+        });
+        for (coded, number) in self.coded.iter_mut().zip(numbers) {
+            *coded |= number << lowest;
+        }
+    }
+
+    /// What the parts hold before compression.
+    pub(crate) fn parts(&self) -> [Vec<u8>; PARTS] {
+        let cells = self.states.len();
+        std::array::from_fn(|part| {
+            let (lowest, bits) = DIGITS[part];
+            let digit = |coded: &u32| coded >> lowest & ((1 << bits) - 1);
+            let digits: Vec<u32> = self.coded.iter().map(digit).collect();
+            let mut raw = match part {
+                0 => [&self.states[..], &vec![0; 2 * cells]].concat(),
+                3 => return digits.iter().map(|digit| *digit as u8).collect(),
+                _ => vec![0; cells.div_ceil(2)],
+            };
+            self.each(&mut digits.clone(), |digit, cell, foretold| {
+                let difference = digit.wrapping_sub(foretold);
+                if part == 0 {
+                    let difference = i32::from(difference as i16);
+                    let folded = if difference < 0 { 2 * !difference + 1 } else { 2 * difference };
+                    raw[cells + cell] = folded as u8;
+                    raw[2 * cells + cell] = (folded >> 8) as u8;
+                } else {
+                    raw[cell / 2] |= ((difference & 15) << (4 * (cell % 2))) as u8;
+                }
+            });
+            raw
+        })
+    }
+
+    /// The same compressed; those behind the first as far as any of them tells something.
+    pub(crate) fn compressed(&self) -> [Vec<u8>; PARTS] {
+        let errors = self.rounding_errors();
+        let parts = self.parts();
+        std::array::from_fn(|part| {
+            let is_there = part == 0 || errors[part - 1] > 0.0;
+            if is_there { compress(&parts[part]) } else { Vec::new() }
+        })
+    }
+
+    /// What values are off by without the last parts.
+    pub(crate) fn rounding_errors(&self) -> [f32; PARTS - 1] {
+        let signed = |digit: u32, bits: u32| {
+            let (digit, half) = (i64::from(digit), 1 << (bits - 1));
+            if digit < half { digit } else { digit - 2 * half }
+        };
+        let (mut most, mut subnormal) = ([0; PARTS - 1], false);
+        let exists = self.states.iter().map(|bits| bits & 1 == 1);
+        for coded in self.coded.iter().zip(exists).filter(|(_, exists)| *exists).map(|c| c.0) {
+            // From the lowest byte up: what is left out without it and those above it.
+            let low = signed(coded & 0xff, 8);
+            let middle = low + 256 * signed(coded >> 8 & 15, 4);
+            let all = middle + 4096 * signed(coded >> 12 & 15, 4);
+            for (most, off) in most.iter_mut().zip([all, middle, low]) {
+                *most = off.abs().max(*most);
+            }
+            let magnitude = (i64::from(coded >> 16 << 16) + all) & 0x7fff_ffff;
+            subnormal |= (1..1 << 23).contains(&magnitude);
+        }
+        let relative = |off: i64| off as f32 / (1 << 23) as f32;
+        most.map(|off| if subnormal && off > 0 { 1.0 } else { relative(off) })
+    }
+}
 
 impl Anatomy {
     fn payload_record(&self, node: usize, field: usize) -> usize {
@@ -18,30 +146,37 @@ impl Anatomy {
     }
 
     /// Where the parts of a payload lie in the file.
-    fn parts(&self, bytes: &[u8], record: usize) -> [Range<usize>; 3] {
-        [0, 1, 2].map(|part| {
+    fn parts(&self, bytes: &[u8], record: usize) -> [Range<usize>; PARTS] {
+        std::array::from_fn(|part| {
             let start = word(bytes, record + 8 * part, 8) as usize;
             start..start + word(bytes, record + LENGTH + 4 * part, 4) as usize
         })
     }
 
     /// The stored bytes of a payload's parts; empty where there is none.
-    pub(crate) fn stored<'b>(&self, bytes: &'b [u8], node: usize, field: usize) -> [&'b [u8]; 3] {
+    pub(crate) fn stored<'b>(
+        &self,
+        bytes: &'b [u8],
+        node: usize,
+        field: usize,
+    ) -> [&'b [u8]; PARTS] {
         self.parts(bytes, self.payload_record(node, field)).map(|range| &bytes[range])
     }
 
-    /// The payload decompressed: states, the upper two planes of the values, the third, the lowest.
-    pub(crate) fn raw(&self, bytes: &[u8], node: usize, field: usize) -> Vec<u8> {
+    /// What a payload holds.
+    pub(crate) fn payload(&self, bytes: &[u8], node: usize, field: usize) -> Payload {
+        let blocks = usize::from(bytes[self.payload_record(node, field) + BLOCKS]);
+        let sides: Vec<usize> = (0..=blocks).map(|up| (self.edge >> up).max(1) + 2).collect();
+        let cells = sides.iter().map(|side| side.pow(3)).sum();
         let parts = self.stored(bytes, node, field);
-        let mut raw = zstd::bulk::decompress(parts[0], 1 << 24).unwrap();
-        let cells = raw.len() / BYTES_PER_CELL[0];
-        for part in &parts[1..] {
-            match part {
-                [] => raw.resize(raw.len() + cells, 0),
-                _ => raw.extend(zstd::bulk::decompress(part, 1 << 24).unwrap()),
-            }
+        let first = zstd::bulk::decompress(parts[0], 1 << 24).unwrap();
+        let states = first[..cells].to_vec();
+        let mut payload = Payload { sides, states, coded: vec![0; cells] };
+        payload.join(0, &first);
+        for part in (1..PARTS).filter(|part| !parts[*part].is_empty()) {
+            payload.join(part, &zstd::bulk::decompress(parts[part], 1 << 24).unwrap());
         }
-        raw
+        payload
     }
 
     /// The same cache with another payload: everything behind its parts moves, and all offsets and
@@ -50,12 +185,12 @@ impl Anatomy {
         &self,
         bytes: &[u8],
         (node, field): (usize, usize),
-        (parts, errors): ([&[u8]; 3], [f32; 2]),
+        (parts, errors): ([&[u8]; PARTS], [f32; PARTS - 1]),
     ) -> Vec<u8> {
         let record = self.payload_record(node, field);
         let old = self.parts(bytes, record);
         let moved = |offset: usize| {
-            let before = (0..3).filter(|p| !old[*p].is_empty() && old[*p].start < offset);
+            let before = (0..PARTS).filter(|p| !old[*p].is_empty() && old[*p].start < offset);
             before.fold(offset, |at, part| at + parts[part].len() - old[part].len())
         };
         let mut index = bytes[self.index..self.index + self.pages * PAGE].to_vec();
@@ -73,7 +208,7 @@ impl Anatomy {
             }
         }
         let mut forged = bytes[..end].to_vec();
-        let mut order = [0, 1, 2];
+        let mut order: [usize; PARTS] = std::array::from_fn(|part| part);
         order.sort_by_key(|part| std::cmp::Reverse(old[*part].start));
         for part in order.into_iter().filter(|part| !old[*part].is_empty()) {
             forged.splice(old[part].clone(), parts[part].iter().copied());
@@ -119,7 +254,7 @@ impl Anatomy {
         let mut index = bytes[self.index..self.index + self.pages * PAGE].to_vec();
         for (node, field) in (0..self.nodes).flat_map(|n| (0..self.fields).map(move |f| (n, f))) {
             let record = self.payload_record(node, field) - self.index;
-            for at in [0, 8, 16].map(|place| record + place) {
+            for at in (0..PARTS).map(|part| record + 8 * part) {
                 let offset = word(&index, at, 8);
                 let offset = if offset == 0 { 0 } else { offset.wrapping_add_signed(moved) };
                 index[at..at + 8].copy_from_slice(&offset.to_le_bytes());
@@ -133,40 +268,4 @@ impl Anatomy {
 /// Compressed as the program does.
 pub(crate) fn compress(raw: &[u8]) -> Vec<u8> {
     zstd::bulk::compress(raw, 3).unwrap()
-}
-
-/// What a raw payload's values are off by without its last parts.
-pub(crate) fn rounding_errors(raw: &[u8]) -> [f32; 2] {
-    let cells = raw.len() / BYTES_PER_CELL.iter().sum::<usize>();
-    let byte = |cell: usize, plane: usize| i64::from(raw[plane * cells + cell]);
-    let signed = |byte: i64| if byte < 128 { byte } else { byte - 256 };
-    let (mut most, mut subnormal) = ([0; 2], false);
-    for cell in 0..cells {
-        // The lowest byte, and the one above it, which has taken its carry.
-        let (low, middle) = (signed(byte(cell, 4)), signed(byte(cell, 3)));
-        most = [most[0].max((256 * middle + low).abs()), most[1].max(low.abs())];
-        let bits = (byte(cell, 2) << 24) + (byte(cell, 1) << 16) + 256 * middle + low;
-        let magnitude = bits & 0x7fff_ffff;
-        subnormal |= (1..1 << 23).contains(&magnitude);
-    }
-    let relative = |off: i64| off as f32 / (1 << 23) as f32;
-    most.map(|off| if subnormal && off > 0 { 1.0 } else { relative(off) })
-}
-
-/// A raw payload's parts, as they are.
-pub(crate) fn raw_parts(raw: &[u8]) -> [&[u8]; 3] {
-    let cells = raw.len() / BYTES_PER_CELL.iter().sum::<usize>();
-    let (first, rest) = raw.split_at(BYTES_PER_CELL[0] * cells);
-    let (second, third) = rest.split_at(cells);
-    [first, second, third]
-}
-
-/// The same compressed; the second where it or the third holds something, and the third where it does.
-pub(crate) fn compress_parts(raw: &[u8]) -> [Vec<u8>; 3] {
-    let parts = raw_parts(raw);
-    let is_empty = |part: usize| parts[part..].concat().iter().all(|byte| *byte == 0);
-    let compressed = |part: usize| {
-        if part > 0 && is_empty(part) { Vec::new() } else { compress(parts[part]) }
-    };
-    [0, 1, 2].map(compressed)
 }

@@ -9,9 +9,10 @@ use crate::render::bounds::shares::ErrorShares;
 const FIRST_LIMIT: f64 = 0.15;
 /// The part of it that a first batch leaves to what a brick's values may be off by as they are read,
 /// of rays that stand for themselves, and for areas: these come through a brick again and again, with
-/// smaller limits, which should find it in as many digits as before.
-const FIRST_DIGITS: f64 = 0.15;
-const FIRST_DIGITS_OF_AREAS: f64 = 0.04;
+/// smaller limits, which should find it in as many digits as before. With larger parts fewer bytes are
+/// read at first, but more bricks twice.
+const FIRST_DIGITS: f64 = 0.1;
+const FIRST_DIGITS_OF_AREAS: f64 = 0.02;
 /// The part of it that the march of packets may take; of areas, no less than that part of so much of the
 /// light that is expected: so far most of them are off by more for want of rays.
 const PACKETS: f64 = 0.25;

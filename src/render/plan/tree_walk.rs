@@ -436,7 +436,7 @@ impl WalkContext<'_> {
         seen: &Seen,
         cut: &Cut,
     ) -> Precision {
-        let fewer = [Precision::Short, Precision::Medium].into_iter();
+        let fewer = Precision::FEWER.into_iter();
         let mut fewer = fewer.filter(|precision| self.rounds && field.error(*precision) > 0.0);
         let found = match cut {
             Cut::FullDepth => None,

@@ -274,7 +274,9 @@ fn digits_follow_the_limit_and_are_the_same_in_all_windows() {
     let (short, full) = (parts(Precision::Short), parts(Precision::Full));
     assert!(short.is_sorted() && short[0] == 0.0 && short[6] == 1.0, "{short:?}");
     assert!(full.iter().rev().is_sorted() && full[0] == 1.0 && full[6] == 0.0, "{full:?}");
-    assert!(all.iter().any(|steps| count(steps, Precision::Medium) > 0.0));
+    for between in [Precision::Medium, Precision::Long] {
+        assert!(all.iter().any(|steps| count(steps, between) > 0.0), "{between:?}");
+    }
     let whole = digits(&by_error(1e-3), None);
     let window = PixelRect { lo: [3, 5], hi: [17, 9] };
     assert!(digits(&by_error(1e-3), Some(window)).iter().all(|step| whole.contains(step)));

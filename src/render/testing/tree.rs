@@ -69,7 +69,7 @@ pub(crate) fn tree(masks: &[u8], depth: usize) -> Tree {
                 tree: [0.1, 0.9],
                 residual_linear: differs,
                 residual_log10: differs,
-                errors: [(-8f32).exp2(), (-16f32).exp2()],
+                errors: [-8f32, -12.0, -16.0].map(f32::exp2),
                 ..FieldRecord::default()
             };
             tree.nodes.push((record, field));
