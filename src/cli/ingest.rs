@@ -20,7 +20,7 @@ use crate::{Error, Result, source};
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
     /// The simulation output: Enzo's parameter or hierarchy file, an AMReX plotfile's folder, an
-    /// Athena++ `.athdf`, a FLASH file, an Athena `.vtk`, or a folder that holds one output
+    /// Athena++ `.athdf`, a FLASH file, an Athena `.vtk`; or the folder of one output's files
     input: PathBuf,
     /// The cache to write
     #[arg(short, long, value_name = "CACHE")]

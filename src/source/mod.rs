@@ -289,6 +289,8 @@ fn kind(path: &Path) -> &'static str {
         "an HDF5 file"
     } else if hdf5::is_behind_user_block(path) {
         "an HDF5 file behind a user block, which is not read (h5unjam takes it off)"
+    } else if athena::is_vtk(path) {
+        "a VTK file whose title names no level and domain, as Athena's do from version 4 on"
     } else {
         "a file"
     }

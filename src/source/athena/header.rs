@@ -88,10 +88,15 @@ impl Title {
 
     /// The title of the file at `path`, where it begins as Athena's do.
     pub(super) fn of(path: &Path) -> Option<Self> {
-        let mut lines = Lines::open(path).ok()?;
-        let vtk = lines.expect("VTK's mark").ok()?.starts_with("# vtk DataFile Version");
-        Self::parse(&lines.expect("a title").ok()?).filter(|_| vtk)
+        Self::parse(&line_of_title(path)?)
     }
+}
+
+/// The title of a VTK file, whatever it says; none of another file.
+pub(super) fn line_of_title(path: &Path) -> Option<String> {
+    let mut lines = Lines::open(path).ok()?;
+    let vtk = lines.expect("VTK's mark").ok()?.starts_with("# vtk DataFile Version");
+    lines.expect("a title").ok().filter(|_| vtk)
 }
 
 fn three<T: FromStr>(text: &str) -> Option<[T; 3]> {

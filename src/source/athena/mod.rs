@@ -39,6 +39,11 @@ fn recognises(path: &Path) -> bool {
     }
 }
 
+/// Whether a file is VTK's, of Athena or not.
+pub(super) fn is_vtk(path: &Path) -> bool {
+    header::line_of_title(path).is_some()
+}
+
 /// One output of a run.
 struct Output {
     about: About,

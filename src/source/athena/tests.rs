@@ -375,3 +375,13 @@ fn files_of_other_runs_and_of_more_processes_are_not_missed() {
     files.push(("id2/B-id2.0001.vtk", [0, 0], 0.75, [4.0, 0.0, 0.0]));
     opened(files[0].0, &files).unwrap();
 }
+
+#[test]
+fn other_vtk_files_are_told_from_athenas() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("old.0001.vtk");
+    let title = "PRIMITIVE vars at time= 1.500000e+00";
+    std::fs::write(&path, format!("# vtk DataFile Version 2.0\n{title}\nBINARY\n")).unwrap();
+    let error = crate::source::open(&path, None).err().unwrap().to_string();
+    assert!(error.contains("a VTK file whose title names no level and domain"), "{error}");
+}

@@ -24,6 +24,9 @@ const CGS_UNITS: [(&str, &str, Option<i32>); 11] = [
     ("pde", "g/cm^3", Some(-3)),
 ];
 
+const NOTHING: &str = "lists no variable that has a dataset of its own; files that hold all of them in one \
+                       are not read";
+
 /// The datasets of the variables that `unknown names` lists, and the fields that they are.
 /// Variables whose dataset is not there are left out.
 ///
@@ -53,7 +56,7 @@ pub(super) fn find(
         fields.push(describe(name, header.units));
     }
     if fields.is_empty() {
-        return Err(Error::invalid(place, "lists no variable that has a dataset: nothing to read"));
+        return Err(Error::invalid(place, NOTHING));
     }
     Ok((datasets, fields))
 }

@@ -183,7 +183,9 @@ fn what_is_missing_is_named() {
     let mut file = MadeFile::new();
     file.names = vec!["temp"];
     file.write();
-    assert!(file.error().contains("/unknown names: lists no variable that has a dataset"));
+    assert!(
+        file.error().contains("/unknown names: lists no variable that has a dataset of its own")
+    );
     file.names = vec!["temp", "dens"];
     file.write();
     assert_eq!(file.read(0).unwrap()[0].1[0], -100.0);

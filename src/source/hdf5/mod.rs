@@ -282,7 +282,13 @@ impl File {
                 Ok(Values::Extended(self.backend.extended(path).map_err(|e| self.fault(path, e))?))
             }
             Element::Other => {
-                Err(self.fault(path, "is neither numbers of a kind that is read nor strings"))
+                let other = if cfg!(feature = "libhdf5") {
+                    ": a build without the feature libhdf5 reads more kinds"
+                } else {
+                    ""
+                };
+                let reason = "is neither numbers of a kind that is read nor strings";
+                Err(self.fault(path, format!("{reason}{other}")))
             }
         }
     }
