@@ -12,6 +12,7 @@ use std::path::Path;
 use std::process::Command;
 use std::sync::Mutex;
 
+use deepfield::cache::{BrickEntry, Decoder, Precision, RawBrick};
 use deepfield::ingest::{Options, Progress, ingest};
 use deepfield::synth::{self, Recipe};
 use forge::allocator::Counting;
@@ -19,6 +20,7 @@ use forge::anatomy::Anatomy;
 use forge::examine::{Examined, Questions};
 use forge::mutation::{Damaged, Expected, Sound};
 use forge::noise::Noise;
+use forge::payload::decompress;
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
@@ -163,6 +165,72 @@ fn attack(rounds: u64) {
     tally.print();
     let first = tally.faults.iter().take(40).map(String::as_str).collect::<Vec<_>>();
     assert!(first.is_empty(), "{} faults, as\n{}", tally.faults.len(), first.join("\n"));
+}
+
+/// The layout, read and written a second time.
+#[test]
+fn payloads_are_what_a_second_reader_makes_of_them() {
+    let _alone = ALONE.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let folder = tempfile::tempdir().unwrap();
+    let mut compared = 0;
+    for Stock { name, sound: Sound { bytes, anatomy }, .. } in stocks(folder.path()) {
+        let path = folder.path().join(format!("{name}.dfc"));
+        let cache = deepfield::cache::Cache::open(&path, 16).unwrap();
+        let (mut cursor, mut decoder) = (cache.cursor(), Decoder::new().unwrap());
+        let mut brick = RawBrick::default();
+        for (node, field) in
+            (0..anatomy.nodes).flat_map(|n| (0..anatomy.fields).map(move |f| (n, f)))
+        {
+            let stored = anatomy.stored(&bytes, node, field);
+            if stored[0].is_empty() {
+                continue;
+            }
+            let payload = anatomy.payload(&bytes, node, field);
+            for (stored, raw) in stored.into_iter().zip(payload.parts()) {
+                // What is left out holds nothing.
+                let held = if stored.is_empty() { vec![0; raw.len()] } else { decompress(stored) };
+                assert!(held == raw, "{name}: brick {node}");
+            }
+            let node_record = cursor.node(node as u64).unwrap();
+            let field_record = cursor.field(node as u64, field).unwrap();
+            assert_eq!(field_record.errors, payload.rounding_errors());
+            let [low, high] = field_record.own;
+            for precision in [Precision::Short, Precision::Medium, Precision::Long, Precision::Full]
+            {
+                let entry = BrickEntry {
+                    node: node as u64,
+                    field,
+                    node_record: &node_record,
+                    field_record: &field_record,
+                };
+                cache.read_brick(&entry, precision, &mut decoder, &mut brick).unwrap();
+                let cells =
+                    brick.blocks.iter().flat_map(|block| block.values.iter().zip(&block.states));
+                let values = payload.values(precision.last_part() + 1);
+                for (((value, bits), other), state) in cells.zip(values).zip(&payload.states) {
+                    let other = if bits & 1 == 1 { other.clamp(low, high) } else { 0.0 };
+                    assert!(
+                        bits == state && *value == other,
+                        "{name}: brick {node}: {value} {other}"
+                    );
+                    compared += 1;
+                }
+            }
+            let put_back = anatomy.with_payload(
+                &bytes,
+                (node, field),
+                (payload.compressed().each_ref().map(Vec::as_slice), payload.rounding_errors()),
+            );
+            if node % 16 == 0 {
+                let path = folder.path().join("again.dfc");
+                std::fs::write(&path, put_back).unwrap();
+                let again = deepfield::cache::Cache::open(&path, 16).unwrap();
+                let report = deepfield::cache::verify(&again, &mut |_, _| {}).unwrap();
+                assert_eq!(report.listed, [], "{name}: brick {node}");
+            }
+        }
+    }
+    assert!(compared > 100_000, "{compared}");
 }
 
 /// Children are numbered one behind the other: of a record that cannot be read nobody knows how many

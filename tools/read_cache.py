@@ -164,8 +164,10 @@ def uncarry(coded):
 
 def check_errors(number, record, states, values):
     """What values in fewer digits are off by."""
+    errors = record[18:21]
+    need(1 >= errors[0] >= errors[1] >= errors[2] >= 0, f"brick {number}: errors out of order")
     *fewer, full = (v[states & EXISTS > 0].astype(float) for v in values)
-    for said, rounded, length in zip(record[18:21], fewer, record[9:12]):
+    for said, rounded, length in zip(errors, fewer, record[9:12]):
         rounded, limit = np.nan_to_num(rounded, nan=0.0), np.finfo("f4").max
         off = np.abs(np.clip(rounded, -limit, limit) - np.nan_to_num(full, nan=0.0))
         # 1 is no bound.

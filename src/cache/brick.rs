@@ -136,7 +136,7 @@ impl RawBrick {
         })
     }
 
-    /// The largest relative differences of a value in fewer digits, rounded up.
+    /// Bounds of the relative differences of values in fewer digits: of each block, the largest of these.
     pub(super) fn rounding_errors(&self) -> [f32; PARTS - 1] {
         let of_blocks = self.blocks.iter().map(|block| rounding_errors(&block.values));
         of_blocks.fold([0.0; PARTS - 1], |most, errors| {

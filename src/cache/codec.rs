@@ -36,7 +36,7 @@ impl Encoder {
         Ok(Self { context, splitter, raw, stored })
     }
 
-    /// The stored form of `brick`. All NaN become one.
+    /// The stored form of `brick`, in which cells that do not exist have the value 0. All NaN become one.
     ///
     /// # Errors
     /// What the codec says.
@@ -155,7 +155,8 @@ mod tests {
 
     #[test]
     fn what_is_encoded_is_decoded() {
-        for (edge, blocks) in [(8, 1), (16, 2), (32, 7)] {
+        // Four, five and six blocks have an odd number of cells.
+        for (edge, blocks) in [(8, 1), (8, 4), (16, 2), (16, 5), (32, 6), (32, 7)] {
             let shape = BrickShape::new(edge).unwrap();
             let brick = sample(shape, blocks);
             let mut decoder = Decoder::new().unwrap();
@@ -168,6 +169,9 @@ mod tests {
             let mut decoded = RawBrick::default();
             decoder.decode(shape, blocks, &mut decoded).unwrap();
             assert_eq!(decoded, brick);
+            let buffers = decoder.raw.iter().map(Vec::capacity).sum::<usize>();
+            let held = buffers + decoder.joiner.capacity();
+            assert!(held as u64 <= Decoder::bytes(shape, blocks), "{held}");
             assert!(decoder.decode(shape, blocks + 1, &mut decoded).is_err());
             for precision in Precision::FEWER.into_iter().rev() {
                 let part = precision.last_part();

@@ -52,8 +52,21 @@ const fn middle(end: u32) -> u32 {
 /// infinity. All NaN become one.
 #[inline(always)]
 pub(super) fn code(value: f32) -> u32 {
-    let bits = if value.is_nan() { NAN_BITS } else { value.to_bits() };
-    carry(carry(carry(bits, 8), 12), 16)
+    let [coded, ..] = carried(bits(value));
+    coded
+}
+
+#[inline(always)]
+fn bits(value: f32) -> u32 {
+    if value.is_nan() { NAN_BITS } else { value.to_bits() }
+}
+
+/// The bits with all carries, with those of the lower two digits, and with that of the lowest.
+#[inline(always)]
+fn carried(bits: u32) -> [u32; PARTS - 1] {
+    let long = carry(bits, 8);
+    let medium = carry(long, 12);
+    [carry(medium, 16), medium, long]
 }
 
 /// The value of such bits, of which the lower ones may be missing: 0.
@@ -64,21 +77,22 @@ pub(super) fn decode(coded: u32) -> f32 {
 
 /// Bounds of the relative differences of finite values in fewer digits, for each part that is the last:
 /// for normal values no more than twice the largest; 1 where there is none, as for subnormal ones that
-/// change. Infinity counts as the largest number.
+/// change. Infinity counts as the largest number. None is smaller than the one behind it, although fewer
+/// digits may happen to be nearer.
 pub(super) fn rounding_errors(values: &[f32]) -> [f32; PARTS - 1] {
     let (mut most, mut subnormal) = ([0; PARTS - 1], false);
     // Without an end or a branch: several values at a time.
     for value in values {
-        let bits = if value.is_nan() { NAN_BITS } else { value.to_bits() };
-        let long = carry(bits, 8);
-        let medium = carry(long, 12);
-        let rounded = [carry(medium, 16) & !0xffff, medium & !0xfff, long & !0xff];
-        for (most, rounded) in most.iter_mut().zip(rounded) {
+        let bits = bits(*value);
+        let kept = carried(bits).into_iter().zip([!0xffff, !0xfff, !0xff]);
+        for (most, (carried, kept)) in most.iter_mut().zip(kept) {
             // In units of the value's last bit, whatever the exponent of what it is rounded to.
-            *most = (bits.wrapping_sub(rounded) as i32).unsigned_abs().max(*most);
+            *most = (bits.wrapping_sub(carried & kept) as i32).unsigned_abs().max(*most);
         }
         subnormal |= value.is_subnormal();
     }
+    let [short, medium, long] = most;
+    let most = [short.max(medium).max(long), medium.max(long), long];
     // A normal value is at least 2²³ such units; a subnormal one may be a single one, and more than double.
     let relative = |off: u32| off as f32 * (-23f32).exp2();
     most.map(|off| if subnormal && off > 0 { 1.0 } else { relative(off) })
@@ -101,9 +115,12 @@ mod tests {
         all.extend(ends);
         // Carries thrice, and more than doubles.
         all.push(f32::from_bits(0x7f80));
+        // All that fewer digits may leave out.
+        all.extend((0..=0xffff).map(|low| f32::from_bits(0x3f80_0000 | low)));
         for value in all {
             let whole = decode(code(value));
             assert!(whole.to_bits() == value.to_bits() || whole.is_nan() && value.is_nan());
+            assert!(rounding_errors(&[value]).is_sorted_by(|fewer, more| fewer >= more));
             for (precision, bit) in Precision::FEWER.into_iter().zip([16, 12, 8]) {
                 let rounded = decode(code(value) >> bit << bit);
                 assert_eq!(rounded.to_bits() << (32 - bit), 0, "{value:e} {rounded:e}");

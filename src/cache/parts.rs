@@ -62,8 +62,13 @@ pub struct Splitter {
 
 impl Splitter {
     /// Puts what the parts of `brick`'s payload hold into `parts`.
+    /// Of cells that do not exist no value is kept.
     pub fn split(&mut self, brick: &RawBrick, parts: &mut [Vec<u8>; PARTS]) {
-        Width::best().run(Split { splitter: self, brick, parts });
+        self.split_by(Width::best(), brick, parts);
+    }
+
+    fn split_by(&mut self, width: Width, brick: &RawBrick, parts: &mut [Vec<u8>; PARTS]) {
+        width.run(Split { splitter: self, brick, parts });
     }
 
     #[inline(always)]
@@ -91,6 +96,12 @@ impl Splitter {
             }
             lorenzo::differences(words, block.side, word::subtract);
         }
+        self.pack(low, high, halves);
+    }
+
+    /// Differences of all cells as parts hold them.
+    #[inline(always)]
+    fn pack(&self, low: &mut [u8], high: &mut [u8], halves: &mut [Vec<u8>]) {
         for ((low, high), word) in low.iter_mut().zip(high).zip(&self.words) {
             [*low, *high] = folded((word >> 16) as u16).to_le_bytes();
         }
@@ -158,8 +169,18 @@ impl Joiner {
         if !state::are_valid(states) {
             return Err("a cell's state is none that there is");
         }
-        Width::best().run(Join { joiner: self, parts, brick });
+        self.join_by(Width::best(), parts, brick);
         Ok(())
+    }
+
+    fn join_by(&mut self, width: Width, parts: [&[u8]; PARTS], brick: &mut RawBrick) {
+        width.run(Join { joiner: self, parts, brick });
+    }
+
+    /// Bytes that it holds.
+    #[cfg(test)]
+    pub(super) fn capacity(&self) -> usize {
+        size_of::<u32>() * self.words.capacity() + self.digits.capacity()
     }
 
     #[inline(always)]
@@ -192,13 +213,13 @@ impl Joiner {
     #[inline(always)]
     fn differences(&mut self, planes: &[u8], halves: [&[u8]; 2]) {
         let (low, high) = planes.split_at(planes.len() / 2);
-        self.words.resize(low.len(), 0);
+        resize(&mut self.words, low.len());
         for ((word, low), high) in self.words.iter_mut().zip(low).zip(high) {
             *word = u32::from(unfolded(u16::from_le_bytes([*low, *high]))) << 16;
         }
         for (shift, half) in word::SHIFTS.into_iter().zip(halves).filter(|half| !half.1.is_empty())
         {
-            self.digits.resize(2 * half.len(), 0);
+            resize(&mut self.digits, 2 * half.len());
             for (pair, byte) in self.digits.chunks_exact_mut(2).zip(half) {
                 let byte = u16::from(*byte);
                 pair.copy_from_slice(&(byte & 0xf | (byte & 0xf0) << 4).to_le_bytes());
@@ -208,6 +229,12 @@ impl Joiner {
             }
         }
     }
+}
+
+/// Makes `numbers` so long, in no more memory than that takes.
+fn resize<T: Copy + Default>(numbers: &mut Vec<T>, length: usize) {
+    numbers.reserve_exact(length.saturating_sub(numbers.len()));
+    numbers.resize(length, T::default());
 }
 
 /// The value of coded bits in a cell that exists, else 0.
@@ -267,6 +294,78 @@ mod tests {
             let [sum, difference] = [word::add(one, other), word::subtract(one, other)];
             assert_eq!(digits(word::coded(sum))[..], both(u32::wrapping_add));
             assert_eq!(digits(word::coded(difference))[..], both(u32::wrapping_sub));
+        }
+    }
+
+    /// The values of a payload's blocks in their digits, cell by cell.
+    fn plain_join(parts: [&[u8]; PARTS], brick: &RawBrick) -> Vec<Vec<u32>> {
+        let cells = parts[0].len() / 3;
+        let mut start = 0;
+        let mut join = |side: usize| {
+            let mut values = vec![0; side.pow(3)];
+            for (lowest, bits, part) in [(16, 16, 0), (12, 4, 1), (8, 4, 2), (0, 8, 3)] {
+                let difference = |cell: usize| -> u32 {
+                    match part {
+                        _ if parts[part].is_empty() => 0,
+                        0 => {
+                            let [low, high] = [cells, 2 * cells].map(|p| parts[0][p + cell]);
+                            unfolded(u16::from_le_bytes([low, high])).into()
+                        }
+                        3 => parts[3][cell].into(),
+                        _ => u32::from(parts[part][cell / 2] >> (4 * (cell % 2)) & 15),
+                    }
+                };
+                let mut digits: Vec<u32> = (start..start + values.len()).map(difference).collect();
+                for axis in [1, side, side * side].into_iter().filter(|_| part < 3) {
+                    for at in (0..digits.len()).filter(|at| at / axis % side > 0) {
+                        digits[at] = digits[at].wrapping_add(digits[at - axis]);
+                    }
+                }
+                for (value, digit) in values.iter_mut().zip(digits) {
+                    *value |= (digit & ((1 << bits) - 1)) << lowest;
+                }
+            }
+            start += values.len();
+            values
+        };
+        brick.blocks.iter().map(|block| join(block.side)).collect()
+    }
+
+    #[test]
+    fn payloads_are_taken_apart_and_put_together_alike_in_all_widths() {
+        // An odd number of cells, some without a value, and all kinds of these.
+        let block = |side: usize| {
+            let noise = |n: usize| (n as u32).wrapping_mul(0x9e37_79b9) ^ side as u32;
+            let exists = |n: &usize| n % 11 != 3 && n / 50 != 2;
+            let value = |n| if exists(&n) { f32::from_bits(noise(n) & 0x7eff_ffff) } else { 0.0 };
+            let states = (0..side.pow(3)).map(|n| if exists(&n) { state::EXISTS } else { 0 });
+            Block { side, values: (0..side.pow(3)).map(value).collect(), states: states.collect() }
+        };
+        let brick = RawBrick { blocks: [10, 6, 4, 3].map(block).to_vec() };
+        let mut first: Option<[Vec<u8>; PARTS]> = None;
+        for width in Width::all() {
+            let mut parts: [Vec<u8>; PARTS] = Default::default();
+            Splitter::default().split_by(width, &brick, &mut parts);
+            assert_eq!(first.get_or_insert_with(|| parts.clone()), &parts, "{width:?}");
+            for read in 1..=PARTS {
+                let mut some = [&[][..]; PARTS];
+                for (some, part) in some.iter_mut().zip(&parts).take(read) {
+                    *some = part;
+                }
+                let mut joined = brick.clone();
+                joined.blocks.iter_mut().for_each(|block| block.values.fill(7.0));
+                Joiner::default().join_by(width, some, &mut joined);
+                let plain = plain_join(some, &brick);
+                for ((block, plain), sound) in joined.blocks.iter().zip(plain).zip(&brick.blocks) {
+                    assert_eq!(block.states, sound.states);
+                    for ((value, coded), bits) in block.values.iter().zip(plain).zip(&block.states)
+                    {
+                        let expected = if *bits == 0 { 0.0 } else { decode(coded) };
+                        assert_eq!(value.to_bits(), expected.to_bits(), "{width:?}, {read} parts");
+                    }
+                }
+                assert!(read < PARTS || joined == brick);
+            }
         }
     }
 

@@ -139,6 +139,7 @@ impl Cache {
                 return Err(damaged("it lies in the header"));
             }
             let stored = &mut decoder.stored[part];
+            stored.reserve_exact(length);
             stored.resize(length, 0);
             let started = Instant::now();
             self.file.read_exact_at(stored, offset).map_err(|source| {

@@ -264,6 +264,24 @@ mod tests {
     use super::*;
 
     #[test]
+    fn errors_without_parts_are_in_order_and_the_parts_are_there() {
+        let is_read = |errors: [f32; PARTS - 1], lengths: [u32; PARTS]| {
+            let offsets = lengths.map(|length| u64::from(length > 0));
+            let (own, tree) = ([1.0, 2.0], [1.0, 3.0]);
+            let record =
+                FieldRecord { offsets, lengths, own, tree, errors, ..FieldRecord::default() };
+            let mut bytes = ByteWriter::default();
+            record.write(&mut bytes);
+            assert_eq!(bytes.bytes.len(), FieldRecord::BYTES);
+            FieldRecord::read(&mut ByteReader::new(&bytes.bytes)).is_some()
+        };
+        assert!(is_read([0.0; 3], [1, 0, 0, 0]) && is_read([1.0, 0.5, 0.0], [1, 1, 1, 0]));
+        assert!(!is_read([0.0; 3], [1, 1, 0, 0]) && !is_read([1.0, 0.5, 0.0], [1, 1, 1, 1]));
+        assert!(!is_read([0.5, 1.0, 0.0], [1, 1, 1, 0]) && !is_read([2.0, 0.0, 0.0], [1, 1, 0, 0]));
+        assert!(!is_read([f32::NAN, 0.0, 0.0], [1, 1, 0, 0]) && !is_read([-0.5; 3], [1; 4]));
+    }
+
+    #[test]
     fn ranges_are_in_order_or_empty_and_enclose_each_other() {
         let is_read = |own: [f32; 2], tree: [f32; 2]| {
             let (offsets, lengths) = ([1, 0, 0, 0], [1, 0, 0, 0]);

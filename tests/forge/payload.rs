@@ -34,6 +34,17 @@ impl Payload {
         self.coded[at] = [0x80, 0x800, 0x8000].into_iter().fold(value.to_bits(), carry);
     }
 
+    /// Values of all cells in the digits of the first `parts` parts; 0 where there is none.
+    pub(crate) fn values(&self, parts: usize) -> Vec<f32> {
+        let uncarry = |bits: u32, middle: u32| bits.wrapping_sub((bits & middle) << 1);
+        let lowest = DIGITS[parts - 1].0;
+        let value = |(coded, bits): (&u32, &u8)| {
+            let kept = if bits & 1 == 1 { coded >> lowest << lowest } else { 0 };
+            f32::from_bits([0x8000, 0x800, 0x80].into_iter().fold(kept, uncarry))
+        };
+        self.coded.iter().zip(&self.states).map(value).collect()
+    }
+
     /// Calls `visit` with `numbers` of cells, a cell, and what those before it in its block foretell.
     fn each(&self, numbers: &mut [u32], mut visit: impl FnMut(&mut u32, usize, u32)) {
         let mut start = 0;
@@ -118,19 +129,33 @@ impl Payload {
 
     /// What values are off by without the last parts.
     pub(crate) fn rounding_errors(&self) -> [f32; PARTS - 1] {
+        let mut start = 0;
+        let mut all = [0f32; PARTS - 1];
+        for side in &self.sides {
+            let own = start..start + side.pow(3);
+            start = own.end;
+            let cells = self.coded[own.clone()].iter().zip(&self.states[own]);
+            let held = cells.filter(|(_, bits)| *bits & 1 == 1).map(|cell| *cell.0);
+            all = std::array::from_fn(|part| Self::errors_of(held.clone())[part].max(all[part]));
+        }
+        all
+    }
+
+    fn errors_of(held: impl Iterator<Item = u32>) -> [f32; PARTS - 1] {
         let signed = |digit: u32, bits: u32| {
             let (digit, half) = (i64::from(digit), 1 << (bits - 1));
             if digit < half { digit } else { digit - 2 * half }
         };
         let (mut most, mut subnormal) = ([0; PARTS - 1], false);
-        let exists = self.states.iter().map(|bits| bits & 1 == 1);
-        for coded in self.coded.iter().zip(exists).filter(|(_, exists)| *exists).map(|c| c.0) {
+        for coded in held {
             // From the lowest byte up: what is left out without it and those above it.
             let low = signed(coded & 0xff, 8);
             let middle = low + 256 * signed(coded >> 8 & 15, 4);
             let all = middle + 4096 * signed(coded >> 12 & 15, 4);
-            for (most, off) in most.iter_mut().zip([all, middle, low]) {
-                *most = off.abs().max(*most);
+            let [all_off, middle, low] = [all, middle, low].map(i64::abs);
+            let offs = [all_off.max(middle).max(low), middle.max(low), low];
+            for (most, off) in most.iter_mut().zip(offs) {
+                *most = off.max(*most);
             }
             let magnitude = (i64::from(coded >> 16 << 16) + all) & 0x7fff_ffff;
             subnormal |= (1..1 << 23).contains(&magnitude);
@@ -169,12 +194,12 @@ impl Anatomy {
         let sides: Vec<usize> = (0..=blocks).map(|up| (self.edge >> up).max(1) + 2).collect();
         let cells = sides.iter().map(|side| side.pow(3)).sum();
         let parts = self.stored(bytes, node, field);
-        let first = zstd::bulk::decompress(parts[0], 1 << 24).unwrap();
+        let first = decompress(parts[0]);
         let states = first[..cells].to_vec();
         let mut payload = Payload { sides, states, coded: vec![0; cells] };
         payload.join(0, &first);
         for part in (1..PARTS).filter(|part| !parts[*part].is_empty()) {
-            payload.join(part, &zstd::bulk::decompress(parts[part], 1 << 24).unwrap());
+            payload.join(part, &decompress(parts[part]));
         }
         payload
     }
@@ -268,4 +293,9 @@ impl Anatomy {
 /// Compressed as the program does.
 pub(crate) fn compress(raw: &[u8]) -> Vec<u8> {
     zstd::bulk::compress(raw, 3).unwrap()
+}
+
+/// The reverse.
+pub(crate) fn decompress(stored: &[u8]) -> Vec<u8> {
+    zstd::bulk::decompress(stored, 1 << 24).unwrap()
 }

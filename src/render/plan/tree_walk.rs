@@ -428,7 +428,7 @@ impl WalkContext<'_> {
     /// How many digits of a brick's values are read: by what these may make of a ray's light, whatever
     /// lies in front, so that all tiles with the same cut read the same. The index tells that by the
     /// steepest slope over all of the brick's values, and for the longest way; rays make far less of it.
-    /// Still, with three times the limit tiles are drawn again because of it.
+    /// Still, with a larger limit more tiles are drawn again because of it.
     fn precision(
         &self,
         record: &NodeRecord,

@@ -283,7 +283,7 @@ impl File {
             }
             Element::Other => {
                 let other = if cfg!(feature = "libhdf5") {
-                    ": a build without the feature libhdf5 reads more kinds"
+                    "; a build without the feature libhdf5 may read it"
                 } else {
                     ""
                 };
