@@ -12,7 +12,7 @@ use std::path::Path;
 use std::process::Command;
 use std::sync::Mutex;
 
-use deepfield::cache::{BrickEntry, Decoder, Precision, RawBrick};
+use deepfield::cache::{BrickEntry, Cache, Decoder, Precision, RawBrick, verify};
 use deepfield::ingest::{Options, Progress, ingest};
 use deepfield::synth::{self, Recipe};
 use forge::allocator::Counting;
@@ -20,7 +20,7 @@ use forge::anatomy::Anatomy;
 use forge::examine::{Examined, Questions};
 use forge::mutation::{Damaged, Expected, Sound};
 use forge::noise::Noise;
-use forge::payload::decompress;
+use forge::payload::{Payload, decompress};
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
@@ -173,64 +173,55 @@ fn payloads_are_what_a_second_reader_makes_of_them() {
     let _alone = ALONE.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     let folder = tempfile::tempdir().unwrap();
     let mut compared = 0;
-    for Stock { name, sound: Sound { bytes, anatomy }, .. } in stocks(folder.path()) {
-        let path = folder.path().join(format!("{name}.dfc"));
-        let cache = deepfield::cache::Cache::open(&path, 16).unwrap();
-        let (mut cursor, mut decoder) = (cache.cursor(), Decoder::new().unwrap());
-        let mut brick = RawBrick::default();
-        for (node, field) in
-            (0..anatomy.nodes).flat_map(|n| (0..anatomy.fields).map(move |f| (n, f)))
-        {
-            let stored = anatomy.stored(&bytes, node, field);
-            if stored[0].is_empty() {
-                continue;
-            }
-            let payload = anatomy.payload(&bytes, node, field);
-            for (stored, raw) in stored.into_iter().zip(payload.parts()) {
+    for stock in stocks(folder.path()) {
+        let Sound { bytes, anatomy } = &stock.sound;
+        let cache = Cache::open(&folder.path().join(format!("{}.dfc", stock.name)), 16).unwrap();
+        let all = (0..anatomy.nodes).flat_map(|n| (0..anatomy.fields).map(move |f| (n, f)));
+        for (node, field) in all.filter(|&(n, f)| !anatomy.stored(bytes, n, f)[0].is_empty()) {
+            let payload = anatomy.payload(bytes, node, field);
+            for (stored, raw) in anatomy.stored(bytes, node, field).iter().zip(payload.parts()) {
                 // What is left out holds nothing.
                 let held = if stored.is_empty() { vec![0; raw.len()] } else { decompress(stored) };
-                assert!(held == raw, "{name}: brick {node}");
+                assert!(held == raw, "{}: brick {node}", stock.name);
             }
-            let node_record = cursor.node(node as u64).unwrap();
-            let field_record = cursor.field(node as u64, field).unwrap();
-            assert_eq!(field_record.errors, payload.rounding_errors());
-            let [low, high] = field_record.own;
-            for precision in [Precision::Short, Precision::Medium, Precision::Long, Precision::Full]
-            {
-                let entry = BrickEntry {
-                    node: node as u64,
-                    field,
-                    node_record: &node_record,
-                    field_record: &field_record,
-                };
-                cache.read_brick(&entry, precision, &mut decoder, &mut brick).unwrap();
-                let cells =
-                    brick.blocks.iter().flat_map(|block| block.values.iter().zip(&block.states));
-                let values = payload.values(precision.last_part() + 1);
-                for (((value, bits), other), state) in cells.zip(values).zip(&payload.states) {
-                    let other = if bits & 1 == 1 { other.clamp(low, high) } else { 0.0 };
-                    assert!(
-                        bits == state && *value == other,
-                        "{name}: brick {node}: {value} {other}"
-                    );
-                    compared += 1;
-                }
-            }
-            let put_back = anatomy.with_payload(
-                &bytes,
-                (node, field),
-                (payload.compressed().each_ref().map(Vec::as_slice), payload.rounding_errors()),
-            );
+            compared += values_are_read(&cache, (node, field), &payload);
             if node % 16 == 0 {
+                let parts = payload.compressed();
+                let parts = parts.each_ref().map(Vec::as_slice);
+                let put = (parts, payload.rounding_errors());
                 let path = folder.path().join("again.dfc");
-                std::fs::write(&path, put_back).unwrap();
-                let again = deepfield::cache::Cache::open(&path, 16).unwrap();
-                let report = deepfield::cache::verify(&again, &mut |_, _| {}).unwrap();
-                assert_eq!(report.listed, [], "{name}: brick {node}");
+                std::fs::write(&path, anatomy.with_payload(bytes, (node, field), put)).unwrap();
+                let report = verify(&Cache::open(&path, 16).unwrap(), &mut |_, _| {}).unwrap();
+                assert_eq!(report.listed, [], "{}: brick {node}", stock.name);
             }
         }
     }
     assert!(compared > 100_000, "{compared}");
+}
+
+/// Compares what the program reads of a payload, in every precision, and says how many values that is.
+fn values_are_read(cache: &Cache, (node, field): (usize, usize), payload: &Payload) -> usize {
+    let (mut cursor, mut decoder) = (cache.cursor(), Decoder::new().unwrap());
+    let mut brick = RawBrick::default();
+    let number = node as u64;
+    let node_record = cursor.node(number).unwrap();
+    let record = cursor.field(number, field).unwrap();
+    assert_eq!(record.errors, payload.rounding_errors());
+    let mut compared = 0;
+    for precision in Precision::FEWER.into_iter().chain([Precision::Full]) {
+        let entry =
+            BrickEntry { node: number, field, node_record: &node_record, field_record: &record };
+        cache.read_brick(&entry, precision, &mut decoder, &mut brick).unwrap();
+        let cells = brick.blocks.iter().flat_map(|block| block.values.iter().zip(&block.states));
+        let values = payload.values(precision.last_part() + 1);
+        for (((value, bits), other), state) in cells.zip(values).zip(&payload.states) {
+            let exists = bits & 1 == 1;
+            let other = if exists { other.clamp(record.own[0], record.own[1]) } else { 0.0 };
+            assert!(bits == state && *value == other, "brick {node}: {value} {other}");
+            compared += 1;
+        }
+    }
+    compared
 }
 
 /// Children are numbered one behind the other: of a record that cannot be read nobody knows how many
@@ -255,8 +246,7 @@ fn an_unreadable_record_is_reported_where_it_is() {
     anatomy.seal(&mut forged);
     let path = folder.path().join("forged.dfc");
     std::fs::write(&path, forged).unwrap();
-    let cache = deepfield::cache::Cache::open(&path, 16).unwrap();
-    let report = deepfield::cache::verify(&cache, &mut |_, _| {}).unwrap();
+    let report = verify(&Cache::open(&path, 16).unwrap(), &mut |_, _| {}).unwrap();
     let reasons: Vec<_> = report.listed.iter().map(|damage| damage.reason.as_str()).collect();
     assert!(!reasons.is_empty());
     let others = reasons.iter().filter(|reason| reason.contains("out of order"));

@@ -61,8 +61,8 @@ pub struct Splitter {
 }
 
 impl Splitter {
-    /// Puts what the parts of `brick`'s payload hold into `parts`.
-    /// Of cells that do not exist no value is kept.
+    /// Puts what the parts of `brick`'s payload hold into `parts`. Of cells that do not exist no value is
+    /// kept.
     pub fn split(&mut self, brick: &RawBrick, parts: &mut [Vec<u8>; PARTS]) {
         self.split_by(Width::best(), brick, parts);
     }
