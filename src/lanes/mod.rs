@@ -185,19 +185,22 @@ impl Width {
     /// Runs `kernel` on lanes of this kind, or on plain ones where the processor has none.
     #[inline]
     pub(super) fn run<K: Kernel>(self, kernel: K) -> K::Output {
+        #[cfg(target_arch = "x86_64")]
         match self {
-            Self::Portable => kernel.run(Portable),
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => match x86::Avx2::new() {
-                Some(lanes) => lanes.run(kernel),
-                None => kernel.run(Portable),
-            },
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => match x86::Avx512::new() {
-                Some(lanes) => lanes.run(kernel),
-                None => kernel.run(Portable),
-            },
+            Self::Portable => {}
+            Self::Avx2 => {
+                if let Some(lanes) = x86::Avx2::new() {
+                    return lanes.run(kernel);
+                }
+            }
+            Self::Avx512 => {
+                if let Some(lanes) = x86::Avx512::new() {
+                    return lanes.run(kernel);
+                }
+            }
         }
+        // In one place, since kernels are inlined whole: the march is half a megabyte of code.
+        kernel.run(Portable)
     }
 }
 
