@@ -1,11 +1,11 @@
-//! Numbers of a cube of cells as their differences to what those before them foretell, and back: the
-//! Lorenzo predictor (Ibarria, Lindstrom, Rossignac and Szymczak, *Computer Graphics Forum* 22, 343,
-//! 2003). In smooth data most differences are small, in whatever digits the numbers are.
+//! The Lorenzo predictor (Ibarria, Lindstrom, Rossignac and Szymczak, *Computer Graphics Forum* 22, 343,
+//! 2003): each number of a cube of cells is replaced by its difference from a prediction, and back. In
+//! smooth data most differences are small, in whatever digits the numbers are.
 //!
-//! What is foretold of a cell is `a − b + c`, where `a` adds up its three neighbours before it along the
-//! axes, `b` the three before it across edges, and `c` is that across the corner; beyond the cube all are
-//! 0. Differences to it are those along x, of those along y, of those along z. How numbers are added and
-//! subtracted is the caller's: whatever wraps around, and so comes back.
+//! The prediction is the sum of the three preceding neighbours across faces, less the three across edges,
+//! plus the one across the corner; beyond the cube all are 0. So the differences are first differences
+//! along x, then y, then z, and running sums along each axis undo them. The caller says how to add and
+//! subtract; both must wrap around.
 
 /// Makes differences of the numbers of a cube of `side`³ cells, x fastest.
 #[inline(always)]
@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn differences_are_those_to_what_is_foretold_and_sums_take_them_back() {
+    fn differences_are_from_predictions_and_sums_take_them_back() {
         for side in [1_usize, 2, 3, 4, 6, 10, 18, 34] {
             let noise = |n: usize| (n as u32).wrapping_mul(0x9e37_79b9);
             let numbers: Vec<u32> = (0..side.pow(3)).map(noise).collect();
@@ -116,8 +116,8 @@ mod tests {
                 let of = |back| before(cell, back);
                 let faces = of([1, 0, 0]) + of([0, 1, 0]) + of([0, 0, 1]);
                 let edges = of([1, 1, 0]) + of([1, 0, 1]) + of([0, 1, 1]);
-                let foretold = faces - edges + of([1, 1, 1]);
-                assert_eq!(*found, (of([0; 3]) - foretold) as u32, "{cell:?} of {side}³");
+                let predicted = faces - edges + of([1, 1, 1]);
+                assert_eq!(*found, (of([0; 3]) - predicted) as u32, "{cell:?} of {side}³");
             }
             sums(&mut found, side, u32::wrapping_add);
             assert_eq!(found, numbers);

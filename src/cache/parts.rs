@@ -1,6 +1,6 @@
 //! What a payload's parts hold before compression: states and values' leading 16 bits, then two times
-//! four bits more, then the lowest byte. Of all but the last, the differences to what cells before
-//! foretell, digit by digit.
+//! four bits more, then the lowest byte. All but the last hold differences from what preceding cells
+//! predict, digit by digit.
 
 use super::brick::{Block, RawBrick, state};
 use super::digits::{PARTS, code, decode};
