@@ -11,8 +11,8 @@ use crate::render::brick::thin::Thinner;
 use crate::render::camera::rays::PixelGrid;
 use crate::render::film::Film;
 use crate::render::renderer::TILE_BYTES;
-use crate::render::tiles::refine::Sheet;
-use crate::render::tiles::tile::Tile;
+use crate::render::tiles::ray_batch::RayBatch;
+use crate::render::tiles::refine::TilePixels;
 use crate::render::transfer::pieces::TransferPieces;
 use crate::render::transfer::shading::Shading;
 use crate::render::transfer::table::TransferTable;
@@ -122,7 +122,7 @@ impl MemoryPlan {
             index_windows: index_bytes.div_ceil(WINDOW_BYTES),
             page_table: header.index_pages.saturating_mul(8),
             scratch: BrickScratch::bytes(cache),
-            tile: Tile::bytes(header.shape, blocks, interpolation) + Sheet::BYTES,
+            tile: RayBatch::bytes(header.shape, blocks, interpolation) + TilePixels::BYTES,
             slot: loaded_bytes(header.shape, blocks, interpolation),
             thinned: match interpolation {
                 Interpolation::Linear => Thinner::bytes_kept(header.shape),

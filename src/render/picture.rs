@@ -13,17 +13,18 @@ use super::march::ray::Light;
 use super::memory::STACK_BYTES;
 use super::plan::cut::{Cut, ErrorCut};
 use super::plan::goal::{Method, TileError};
-use super::plan::tree_walk::{FieldIndex, Step, Walk, WalkContext};
+use super::plan::tree_walk::{FieldIndex, Step, Walk};
 use super::plan::turns::Turns;
-use super::tiles::refine::{Batch, Sheet};
-use super::tiles::tile::{Settings, Thinning, Tile};
+use super::plan::walk_context::WalkContext;
+use super::tiles::ray_batch::{RayBatch, Settings, Thinning};
+use super::tiles::refine::{Batch, TilePixels};
 use super::transfer::pieces::PieceList;
 use crate::cache::Cache;
 use crate::paging::{Pinned, Pool, ReadAhead, Request, run_reader};
 use crate::{Error, Result};
 
 /// Steps that a tile's walk is ahead of its march. More would read more of what turns out to be
-/// hidden; each marching thread has one reader, which these keep busy.
+/// hidden; so many keep the reader threads busy (one a marching thread, at most four).
 const STEPS_AHEAD: usize = 4;
 
 /// A picture being drawn: what its threads share.
@@ -158,7 +159,7 @@ struct Worker<'p, 'r, 's> {
     picture: &'p Picture<'r, 's>,
     ahead: ReadAhead<BrickRequest>,
     scratch: BrickScratch,
-    tile: Tile,
+    rays: RayBatch,
     queue: VecDeque<Step>,
     pins: Pins,
     samples: Vec<u64>,
@@ -189,7 +190,7 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
             picture,
             ahead,
             scratch,
-            tile: Tile::new(picture.thinned),
+            rays: RayBatch::new(picture.thinned),
             queue: VecDeque::with_capacity(STEPS_AHEAD),
             pins: Pins::new(levels),
             samples: vec![0; levels],
@@ -206,7 +207,7 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
     fn draw_tiles(&mut self, round: &Round<'_>) -> Result<()> {
         let picture = self.picture;
         let total = picture.context.pixels.tiles();
-        let mut sheet = Sheet::default();
+        let mut tile_pixels = TilePixels::default();
         loop {
             let tile = lock(&picture.turns).take();
             if tile >= total || picture.is_stopped() {
@@ -214,7 +215,7 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
             }
             let is_wanted = (round.wanted)(tile);
             if is_wanted {
-                self.draw_tile(tile, &mut sheet)?;
+                self.draw_tile(tile, &mut tile_pixels)?;
             }
             let over = lock(&picture.turns).finish(tile);
             if round.is_last {
@@ -229,24 +230,24 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
         }
     }
 
-    fn draw_tile(&mut self, tile: u64, sheet: &mut Sheet) -> Result<()> {
+    fn draw_tile(&mut self, tile: u64, tile_pixels: &mut TilePixels) -> Result<()> {
         let picture = self.picture;
         let rect = picture.context.pixels.tile(tile);
-        sheet.start(picture.context.pixels, rect, &picture.method);
-        while let Some(batch) = sheet.next(picture.context.pixels) {
+        tile_pixels.start(picture.context.pixels, rect, &picture.method);
+        while let Some(batch) = tile_pixels.next(picture.context.pixels) {
             let unseen = self.draw_batch(rect, &batch)?;
             if picture.is_stopped() {
                 return Ok(());
             }
-            let outcome = self.tile.outcome(&picture.light, unseen);
-            sheet.judge(picture.context.pixels, &batch, outcome);
+            let outcome = self.rays.outcome(&picture.light, unseen);
+            tile_pixels.judge(picture.context.pixels, &batch, outcome);
         }
         let number = usize::try_from(tile).unwrap_or(usize::MAX);
         if let Some(error) = lock(&picture.errors).get_mut(number) {
-            *error = sheet.error();
+            *error = tile_pixels.error();
         }
         let width = rect.hi[0] - rect.lo[0];
-        lock(&picture.film).write_rectangle(rect.lo[0], rect.lo[1], width, sheet.pixels())
+        lock(&picture.film).write_rectangle(rect.lo[0], rect.lo[1], width, tile_pixels.pixels())
     }
 
     /// Marches all rays of a batch; returns what they may be off by for what was left out as transparent.
@@ -255,7 +256,7 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
         let mut index =
             FieldIndex { cursor: picture.cache.cursor(), field: picture.context.shading.field };
         picture.rays.fetch_add(batch.squares.len() as u64, Ordering::Relaxed);
-        self.tile.start(picture.context.pixels, rect, &batch.squares, batch.has_area);
+        self.rays.start(picture.context.pixels, rect, &batch.squares, batch.has_area);
         let mut walk = Walk::new(&picture.context, &mut index, (), &batch.cut, rect);
         while !picture.is_stopped() {
             self.look_ahead(&mut walk)?;
@@ -264,14 +265,15 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
         }
         self.queue.clear();
         self.pins.release(0);
-        Ok(walk.unseen())
+        Ok(walk.unseen_error())
     }
 
     /// Walks on until enough steps wait, and asks for their bricks.
     fn look_ahead(&mut self, walk: &mut Walk<'_, FieldIndex<'_>, ()>) -> Result<()> {
         while self.queue.len() < STEPS_AHEAD {
-            let tile = &self.tile;
-            let Some(step) = walk.next(|rays, seen| tile.needs(rays, seen))? else { return Ok(()) };
+            let rays = &self.rays;
+            let needed = |pixels: &_, footprint: &_| rays.needs(pixels, footprint);
+            let Some(step) = walk.next(needed)? else { return Ok(()) };
             if !self.pins.holds(&step.request) {
                 self.ahead.request(self.picture.pool, step.request);
             }
@@ -284,7 +286,7 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
         let level = step.request.place.tree_level;
         // The walk has left whatever lies deeper.
         self.pins.release(level + 1);
-        if self.tile.needs(&step.pixels, &step.footprint) > 0.0 {
+        if self.rays.needs(&step.pixels, &step.footprint) > 0.0 {
             let Picture { pool, context, light, method, .. } = self.picture;
             let brick = self.pins.hold(&step.request, pool, &mut self.scratch)?;
             let drawn = batch.cut.drawn_neighbours(&step.request.place);
@@ -295,7 +297,7 @@ impl<'p, 'r, 's> Worker<'p, 'r, 's> {
                 care: batch.care,
                 thinning: self.picture.thinning(batch),
             };
-            self.samples[level] += self.tile.draw(step, brick, drawn, settings);
+            self.samples[level] += self.rays.draw(step, brick, drawn, settings);
         }
         if step.is_last {
             self.pins.release(level);

@@ -1,14 +1,15 @@
 //! Where a ray crosses a step of the transfer function, and what it means that the truth crosses
 //! it a little earlier or later.
 //!
-//! Let x come within `reach` of the step between the places a and b of the ray. There the truth
-//! and what is marched are mixes of the media on both sides; by "ray_error" the picture is off by
-//! `T̃(a)·|(Ĩ_ab + T̃_ab·L_b) − (I_ab + T_ab·L_b)|`, with L_b the light from behind b. What a
-//! medium emits and absorbs mixes its source function S = j / κ into the light from behind, so
-//! that both sums lie between the values of S near b and L_b, but for what the medium before the
-//! step adds. And behind b, where the truth has crossed as well, an opaque medium gives light
-//! near S: L_b lies as near as S varies until e^−τ is left of anything else. So a surface that
-//! moves within what lies before it is seen changes the picture by little, however steep it is.
+//! Let x come within `reach` of the step between the places a and b of the ray. There the truth and
+//! what is marched are mixes of the media on both sides; by the formula of [`super::ray_error`] the
+//! picture is off by `T̃(a)·|(Ĩ_ab + T̃_ab·L_b) − (I_ab + T_ab·L_b)|`, with L_b the light from
+//! behind b. What a medium emits and absorbs mixes its source function S = j / κ into the light
+//! from behind, so that both sums lie between the values of S near b and L_b, but for what the
+//! medium before the step adds. And behind b, where the truth has crossed as well, an opaque medium
+//! gives light near S: L_b lies as near as S varies until e^−τ is left of anything else. So a
+//! surface that moves within what lies before it is seen changes the picture by little, however
+//! steep it is.
 //!
 //! Where it moves by little, less than that can change: only over the length by which it moves are
 //! the media different, and there, by the first formula, the picture is off by `T̃·|κ·(S − L) −

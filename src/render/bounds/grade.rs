@@ -1,9 +1,9 @@
 //! What the march of packets may be off by in each group of a brick's cells, and which groups are
 //! fit for it at all.
 //!
-//! What depends on the values that a ray meets a packet works out by itself, and cuts a way into parts
-//! until it is little (`render/march/packet/bends.rs`). What it cannot change is worked out here: the
-//! table's own deviation, and what rounding to f32 does to x and to light.
+//! What depends on the values along a ray, the packet bounds itself, cutting its way into parts until
+//! the bound is small (`render/march/packet/bends.rs`). What no cutting changes is bounded here, once
+//! for each group: the table's deviation, and rounding of x and of light to f32.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -66,7 +66,7 @@ const UNDERFLOW: f64 = f32::MIN_POSITIVE as f64;
 /// Groups are fit that are off by no more than this many times as much as all might be.
 const FITTING: f64 = 16.0;
 /// What is little against emission and extinction.
-const LITTLE: f64 = 0.01;
+const LITTLE_OF_GROUP: f64 = 0.01;
 /// Cells that a ray may pass at one level, about: what a cell may be off by is this share of what
 /// a ray may be.
 const CELLS_OF_LEVEL: f64 = 512.0;
@@ -340,7 +340,7 @@ impl Grader<'_> {
     /// What emission and extinction may be off by.
     fn allowed(&self, smoothness: &Smoothness) -> Change {
         let PacketTransfer { allowed, longest, behind, .. } = *self.transfer;
-        let Some(allowed) = allowed else { return smoothness.most.times(LITTLE) };
+        let Some(allowed) = allowed else { return smoothness.most.times(LITTLE_OF_GROUP) };
         let least = smoothness.least_extinction;
         let share = longest.recip().max(least).max((CELLS_OF_LEVEL * self.diagonal).recip());
         Change { emission: allowed * share, extinction: allowed * share / behind.max(1.0) }

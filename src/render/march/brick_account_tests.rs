@@ -19,7 +19,7 @@ use crate::render::march::ray::{Light, march};
 use crate::render::march::ray_state::{Ending, RayState};
 use crate::render::march::ray_tests::{shells, smooth, steps, transfer};
 use crate::render::testing::data::{BRICKS, TestData, linear, rough};
-use crate::render::tiles::tile::{beam, meets};
+use crate::render::tiles::ray_batch::{beam, meets};
 use crate::render::transfer::distance::Distance;
 use crate::render::transfer::pieces::TransferPieces;
 use crate::render::transfer::table::TransferTable;
@@ -131,10 +131,10 @@ impl<'s> Stage<'s> {
                 if way == Way::InPackets
                     && packets.enter(&passage, light, diagonal, self.care, true)
                 {
-                    let mut film = Rays { states: &mut states, errors: &mut errors };
+                    let mut gathered = Rays { states: &mut states, errors: &mut errors };
                     let (rays, beams) = ([TileRay { index: 0, ray }], [beam]);
                     let accounts = Accounts::Squares(&beams);
-                    packets.march(&passage, light, &rays, accounts, &mut film);
+                    packets.march(&passage, light, &rays, accounts, &mut gathered);
                 } else {
                     march(&passage, &ray, light, &mut states[0], Some((&mut errors[0], &beam)));
                 }

@@ -97,10 +97,10 @@ impl<'s> Setting<'s> {
         let is_fit = packets.enter(&self.passage, &self.light, diagonal, care, has_squares);
         let mut samples = 0;
         if is_fit {
-            let mut film = Rays { states: &mut states, errors: &mut errors };
+            let mut gathered = Rays { states: &mut states, errors: &mut errors };
             let tile_ray = |(index, &ray)| TileRay { index, ray };
             let rays: Vec<_> = rays.iter().enumerate().map(tile_ray).collect();
-            samples += packets.march(&self.passage, &self.light, &rays, accounts, &mut film);
+            samples += packets.march(&self.passage, &self.light, &rays, accounts, &mut gathered);
         }
         Found { states, errors, samples, is_fit }
     }

@@ -20,7 +20,7 @@ use crate::render::brick::relief::GROUP_EDGE;
 use crate::render::brick::scaled::{MOST_PARENTS, ScaledBrick, dual};
 use crate::render::camera::frame::LocalRay;
 
-/// A cell of the transfer function's largest extinction with a depth beyond this is none for f32.
+/// Bricks in which one cell could have a larger optical depth than this go ray by ray: f32 overflows.
 const THICKEST: f64 = 1e30;
 
 /// A tile's packet, and what it knows of the brick that it is in. The memory is reused from brick
@@ -199,7 +199,7 @@ impl Packets {
         light: &Light<'_>,
         rays: &[TileRay],
         accounts: Accounts<'_>,
-        film: &mut Rays<'_>,
+        gathered: &mut Rays<'_>,
     ) -> u64 {
         let Some(transfer) = &light.packets else { return 0 };
         let Self { tables, ray_packet } = self;
@@ -222,7 +222,7 @@ impl Packets {
         for first in (0..rays.len()).step_by(count) {
             let some = first..(first + count).min(rays.len());
             let (rays, accounts) = (&rays[some.clone()], accounts.among(some));
-            samples += ray_packet.travel(&place, &brick, all_plain, rays, accounts, film);
+            samples += ray_packet.travel(&place, &brick, all_plain, rays, accounts, gathered);
         }
         samples
     }

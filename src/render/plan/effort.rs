@@ -15,7 +15,7 @@ const WORTHWHILE_PER_PIXEL: u64 = 3;
 const UNEVEN: u64 = 64;
 /// Rays that stand for themselves, likewise; and how many more a pixel may take where those of the
 /// picture are not more than so many.
-const MOST_ALONE: u64 = 32_000_000;
+const MOST_RAYS_ALONE: u64 = 32_000_000;
 const MOST_ALONE_PER_PIXEL: u64 = 256;
 const FEWEST_ALONE_PER_PIXEL: u64 = 16;
 const SMALL_ALONE: u64 = 8_000_000;
@@ -60,7 +60,7 @@ impl Effort {
     pub(crate) fn of(pixels: u64) -> Self {
         let each = |all: u64| all / pixels.max(1);
         let most = each(MOST).clamp(FEWEST_PER_PIXEL, MOST_PER_PIXEL);
-        let alone = each(MOST_ALONE).clamp(FEWEST_ALONE_PER_PIXEL, MOST_ALONE_PER_PIXEL);
+        let alone = each(MOST_RAYS_ALONE).clamp(FEWEST_ALONE_PER_PIXEL, MOST_ALONE_PER_PIXEL);
         let worthwhile = each(WORTHWHILE).max(WORTHWHILE_PER_PIXEL);
         let power = |rays: u64| each(rays).checked_ilog(4).unwrap_or(0);
         let halvings = |rays: u64| power(rays).min(MOST_HALVED);
@@ -97,7 +97,7 @@ mod tests {
         assert_eq!(glints, [5, 4, 3, 3, 3, 2]);
         for size in [63, 4096, 65_536, 262_144, 1_000_000] {
             let Effort { most_alone, most, .. } = Effort::of(size);
-            assert!(most_alone * size <= MOST_ALONE && most * size <= MOST, "{size}");
+            assert!(most_alone * size <= MOST_RAYS_ALONE && most * size <= MOST, "{size}");
         }
         assert_eq!(Effort::of(0), Effort::of(1));
     }

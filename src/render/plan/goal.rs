@@ -13,8 +13,8 @@ const FIRST_LIMIT: f64 = 0.15;
 /// read at first, but more bricks twice.
 const FIRST_DIGITS: f64 = 0.1;
 const FIRST_DIGITS_OF_AREAS: f64 = 0.02;
-/// The part of it that the march of packets may take; of areas, no less than that part of so much of the
-/// light that is expected: so far most of them are off by more for want of rays.
+/// The part of it that the march of packets may use. For areas the tolerance counts as at least
+/// `LEAST_OF_AREAS` of the expected light here: below that, want of rays makes more than the march does.
 const PACKETS: f64 = 0.25;
 const LEAST_OF_AREAS: f64 = 3e-5;
 /// The slowest that bounds are taken to fall: with this power of the number of rays.

@@ -7,3 +7,4 @@ pub(super) mod goal;
 mod octants;
 pub(super) mod tree_walk;
 pub(super) mod turns;
+pub(super) mod walk_context;

@@ -4,19 +4,14 @@
 use glam::DVec3;
 
 use super::census::{BrickFate, Tally};
-use super::cut::{Cut, ErrorCut};
+use super::cut::Cut;
 use super::octants::{Octants, Piece, Pieces};
-use crate::cache::{BrickPlace, Cursor, FieldRecord, Header, NodeRecord, Precision};
+use super::walk_context::{Seen, Unseen, WalkContext};
+use crate::cache::{BrickPlace, Cursor, FieldRecord, NodeRecord, Precision};
 use crate::render::brick::load::BrickRequest;
 use crate::render::brick::passage::Region;
 use crate::render::camera::frame::{Footprint, Frame};
-use crate::render::camera::rays::{PixelGrid, PixelRect};
-use crate::render::camera::view::View;
-use crate::render::transfer::change::Change;
-use crate::render::transfer::distance::Distance;
-use crate::render::transfer::pieces::PieceList;
-use crate::render::transfer::shading::Shading;
-use crate::space::{FRACTION_BITS, Position};
+use crate::render::camera::rays::PixelRect;
 use crate::{Error, Result};
 
 /// Reads index records.
@@ -41,50 +36,6 @@ impl Index for FieldIndex<'_> {
         Ok((self.cursor.node(node)?, self.cursor.field(node, self.field)?))
     }
 }
-
-/// How much the source's values may shine and absorb in bricks that are left out since what is stored of
-/// them is transparent.
-#[derive(Clone, Copy)]
-pub(crate) struct Unseen<'r> {
-    /// The transfer function itself.
-    pub(crate) exact: &'r PieceList,
-    /// Emission and extinction, at most.
-    pub(crate) limit: Change,
-    /// What rays are off by that miss so much all along their way.
-    pub(crate) off: f64,
-}
-
-impl Unseen<'_> {
-    /// So many times as much.
-    pub(crate) fn times(self, factor: f64) -> Self {
-        Self { limit: self.limit.times(factor), off: self.off * factor, ..self }
-    }
-}
-
-/// What all walks of a picture share.
-pub(crate) struct WalkContext<'r> {
-    /// The tree's levels, its brick shape and domain.
-    pub header: &'r Header,
-    /// The camera.
-    pub view: &'r View,
-    /// The picture's pixels.
-    pub pixels: &'r PixelGrid,
-    /// What is transparent.
-    pub shading: &'r Shading,
-    /// What the transfer function does over ranges.
-    pub(crate) bounds: &'r PieceList,
-    /// What may be left out where only what is stored is transparent; none: nobody asks what is not.
-    pub(crate) unseen: Option<Unseen<'r>>,
-    /// Whether values may be read in fewer digits than are stored.
-    pub(crate) rounds: bool,
-}
-
-/// Cells that are narrower than pixels, by the smaller side of what is seen of the brick: askew, that is up
-/// to √3 times as wide as they are.
-const NARROW: f64 = 1.5;
-/// Bricks of so many pixels are met by rays of all pixels that they make a part of, but at their rim. Of
-/// areas, others count by the part that they cover, and may shine between rays.
-const WIDE: f64 = 3.0;
 
 /// One piece to draw: a brick, or some octants of it.
 #[derive(Debug, Clone, Copy)]
@@ -125,7 +76,7 @@ pub(crate) struct Walk<'r, I, T> {
     window: PixelRect,
     stack: Vec<Open>,
     is_started: bool,
-    unseen: f64,
+    unseen_error: f64,
 }
 
 impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
@@ -137,13 +88,13 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         cut: &'r Cut,
         window: PixelRect,
     ) -> Self {
-        let (stack, is_started, unseen) = (Vec::new(), false, 0.0);
-        Self { context, index, tally, cut, window, stack, is_started, unseen }
+        let (stack, is_started, unseen_error) = (Vec::new(), false, 0.0);
+        Self { context, index, tally, cut, window, stack, is_started, unseen_error }
     }
 
     /// The next piece. What lies wholly behind rays that need nothing more is left out, and what
-    /// lies between rays: `needed` says how much of the light from behind any ray of a rectangle
-    /// that meets what has a footprint still lets through.
+    /// lies between rays: `needed(pixels, footprint)` is the largest transmittance of the rays in
+    /// `pixels` that meet what has this footprint and still need light; 0 where there is none.
     ///
     /// # Errors
     /// A damaged index.
@@ -181,8 +132,8 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
     }
 
     /// What rays may be off by for bricks that were left out although the source's values may be seen.
-    pub(crate) fn unseen(&self) -> f64 {
-        self.unseen
+    pub(crate) fn unseen_error(&self) -> f64 {
+        self.unseen_error
     }
 
     /// Whether the brick itself (`own`), or all from it down, emits and absorbs nothing, or so little of
@@ -206,7 +157,7 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
         let most = exact.over(low, high).most;
         let is_little = most.emission <= limit.emission && most.extinction <= limit.extinction;
         if is_little {
-            self.unseen = off;
+            self.unseen_error = off;
         }
         is_little
     }
@@ -339,136 +290,6 @@ impl<'r, I: Index, T: Tally> Walk<'r, I, T> {
 
     fn pixels_of(&self, footprint: &Footprint) -> PixelRect {
         self.context.pixels.seen(footprint).intersection(&self.window)
-    }
-}
-
-/// A node as the camera sees it.
-struct Seen {
-    frame: Frame,
-    pixels: PixelRect,
-    footprint: Footprint,
-}
-
-impl WalkContext<'_> {
-    /// The brick's lowest corner.
-    fn corner(&self, place: &BrickPlace) -> Position {
-        self.header.domain.cell_corner(place.octree, place.lowest_cell(self.header.shape))
-    }
-
-    /// Where its octants meet.
-    fn centre(&self, place: &BrickPlace) -> Position {
-        let half = self.header.shape.edge() as i128 / 2;
-        let lowest = place.lowest_cell(self.header.shape);
-        self.header.domain.cell_corner(place.octree, lowest.map(|c| c + half))
-    }
-
-    /// The camera as the brick sees it.
-    fn frame(&self, place: &BrickPlace) -> Frame {
-        self.view.frame(&self.corner(place), place.octree, self.header.shape.edge() as f64)
-    }
-
-    /// Some octants of the brick, in its cells, as far as they lie in the domain.
-    fn region(&self, place: &BrickPlace, octants: Octants) -> Option<Region> {
-        let edge = self.header.shape.edge() as f64;
-        let corner = self.corner(place);
-        let upper = self.header.domain.upper();
-        let cells_per_unit = f64::from(place.octree - FRACTION_BITS as i32).exp2();
-        let bounds = |a: usize| {
-            let (lo, hi) = octants.ends(a, edge);
-            // Exact where it clips: then it is less than a brick, in units of the root grid.
-            let end = upper.0[a].saturating_sub(corner.0[a]) as f64 * cells_per_unit;
-            (lo, hi.min(end))
-        };
-        let axes: [(f64, f64); 3] = std::array::from_fn(bounds);
-        let is_inside = axes.iter().all(|(lo, hi)| lo < hi);
-        let ends = |a: usize| {
-            let lower = corner.0[a] == 0 && axes[a].0 == 0.0;
-            let end = upper.0[a].saturating_sub(corner.0[a]) as f64 * cells_per_unit;
-            u8::from(lower) << a | u8::from(axes[a].1 >= end) << (3 + a)
-        };
-        is_inside.then(|| Region {
-            lo: axes.map(|axis| axis.0),
-            hi: axes.map(|axis| axis.1),
-            ends: ends(0) | ends(1) | ends(2),
-        })
-    }
-
-    /// How far the light of a ray may be off, or of a pixel that is larger than the brick, if the
-    /// brick is drawn in place of its children: from the index alone, and what lies in front of
-    /// it left aside.
-    fn error(&self, request: &BrickRequest, seen: &Seen, cut: &ErrorCut) -> f64 {
-        let Distance { residual, fills_void, tree, .. } =
-            self.shading.distance(&request.record, &request.field, Precision::Full);
-        let span = self.bounds.over(tree[0], tree[1]);
-        let change = if fills_void {
-            span.most
-        } else {
-            let by_slope = span.slope.times(residual.min(tree[1] - tree[0])).plus(span.jumps);
-            by_slope.min(span.variation.plus(span.jumps))
-        };
-        self.seen_length(seen) * change.light(cut.behind)
-    }
-
-    /// Whether a brick with this footprint has narrow cells of which rays tell enough.
-    fn is_narrow(&self, footprint: &Footprint) -> bool {
-        let across = (footprint.plane_hi - footprint.plane_lo) / self.pixels.pixel_size();
-        let brick = across.min_element();
-        let is_met = !self.pixels.has_area() || brick >= WIDE;
-        is_met && brick <= NARROW * self.header.shape.edge() as f64
-    }
-
-    /// The longest way of a ray through a brick, or of a pixel's rays on average.
-    fn seen_length(&self, seen: &Seen) -> f64 {
-        let crossing = seen.frame.crossing(&seen.footprint, self.header.shape.edge() as f64);
-        let covered =
-            if self.pixels.has_area() { self.pixels.covered(&seen.footprint) } else { 1.0 };
-        crossing * covered
-    }
-
-    /// How many digits of a brick's values are read: by what these may make of a ray's light, whatever
-    /// lies in front, so that all tiles with the same cut read the same. The index tells that by the
-    /// steepest slope over all of the brick's values, and for the longest way; rays make far less of it.
-    /// Still, with a larger limit more tiles are drawn again because of it.
-    fn precision(
-        &self,
-        record: &NodeRecord,
-        field: &FieldRecord,
-        seen: &Seen,
-        cut: &Cut,
-    ) -> Precision {
-        let fewer = Precision::FEWER.into_iter();
-        let mut fewer = fewer.filter(|precision| self.rounds && field.error(*precision) > 0.0);
-        let found = match cut {
-            Cut::FullDepth => None,
-            Cut::Footprint(cut) => fewer.find(|precision| *precision >= cut.precision()),
-            Cut::Error(cut) => cut.digits.and_then(|most| {
-                fewer
-                    .find(|&precision| self.read_error(record, field, precision, seen, cut) <= most)
-            }),
-        };
-        found.unwrap_or(Precision::Full)
-    }
-
-    /// How far the light of a ray may be off where a brick's own values are read in fewer digits. Where
-    /// others beneath are near, slopes count that these may meet, as in rays' accounts.
-    fn read_error(
-        &self,
-        record: &NodeRecord,
-        field: &FieldRecord,
-        precision: Precision,
-        seen: &Seen,
-        cut: &ErrorCut,
-    ) -> f64 {
-        let own = self.shading.between(field.own, field.has_nan(true));
-        let [low, high] = own.unwrap_or([0.0; 2]);
-        let distance = self.shading.distance(record, field, Precision::Full);
-        let beneath = distance.range_beneath([low, high]);
-        let off = self.shading.read_distance(beneath, field, precision);
-        let reach = off + distance.near_beneath();
-        let span = self.bounds.over(low - reach, high + reach);
-        let by_slope = span.slope.times(off).plus(span.jumps);
-        let change = by_slope.min(span.variation.plus(span.jumps));
-        self.seen_length(seen) * change.light(cut.behind)
     }
 }
 

@@ -4,11 +4,14 @@ use proptest::prelude::*;
 use super::*;
 use crate::cache::BrickShape;
 use crate::render::brick::walk::clip;
+use crate::render::camera::rays::PixelGrid;
+use crate::render::camera::view::View;
 use crate::render::plan::census::Census;
-use crate::render::plan::cut::FootprintCut;
+use crate::render::plan::cut::{ErrorCut, FootprintCut};
 use crate::render::testing::scene::{domain, scene, view};
 use crate::render::testing::tree::{Tree, tree};
 use crate::render::transfer::pieces::TransferPieces;
+use crate::render::transfer::shading::Shading;
 use crate::scene::Scene;
 
 impl Tree {

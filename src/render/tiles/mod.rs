@@ -1,7 +1,7 @@
 //! Tiles of a picture: rays that walk the tree together, and which rays pixels need.
 
 mod pixel;
+pub(super) mod ray_batch;
 pub(super) mod refine;
-pub(super) mod tile;
 mod unevenness;
 mod waiting;

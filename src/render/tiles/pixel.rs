@@ -138,10 +138,10 @@ impl Pixel {
 
     /// Takes the whole of it, which was left, by its centre's ray: its neighbours tell how it varies, and
     /// have been off by so much elsewhere.
-    pub(super) fn take_as_foretold(&mut self, found: &Found, foretold: &Unevenness, doubt: f64) {
+    pub(super) fn take_as_predicted(&mut self, found: &Found, predicted: &Unevenness, doubt: f64) {
         let alone = &mut self.alone;
         alone.unknown = alone.unknown.saturating_sub(1);
-        alone.count(foretold, 1.0, 1.0);
+        alone.count(predicted, 1.0, 1.0);
         alone.own.add(found.own() + doubt);
         self.draw(found, 1.0);
     }
@@ -242,7 +242,7 @@ mod tests {
     use super::*;
     use crate::render::bounds::shares::RayShares;
     use crate::render::camera::rays::Square;
-    use crate::render::tiles::unevenness::{SquareSides, UNSEEN};
+    use crate::render::tiles::unevenness::{SquareSides, UNSEEN_EDGE_SPREAD};
 
     const CENTRE: [f64; 2] = [3.5, 2.5];
 
@@ -308,8 +308,11 @@ mod tests {
             likely
         };
         // They cover a sixteenth of the pixel, which the edge may halve.
-        assert!((likely(false) - DEVIATIONS * UNSEEN / 64.0).abs() < 1e-3 * UNSEEN);
-        assert!(likely(true) > DEVIATIONS * UNSEEN / 16.0 && likely(true) > 0.3 / 16.0);
+        assert!(
+            (likely(false) - DEVIATIONS * UNSEEN_EDGE_SPREAD / 64.0).abs()
+                < 1e-3 * UNSEEN_EDGE_SPREAD
+        );
+        assert!(likely(true) > DEVIATIONS * UNSEEN_EDGE_SPREAD / 16.0 && likely(true) > 0.3 / 16.0);
     }
 
     #[test]

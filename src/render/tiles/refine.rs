@@ -1,5 +1,7 @@
-//! What rays a tile's pixels take: more, and through finer levels, until no pixel may be off by
-//! more than the goal; where no number of rays would do for that, until none is by all likelihood.
+//! Refinement of a tile's pixels. After each batch of rays it decides which pixels are within the
+//! goal, and which get more rays, finer levels, more digits or a more careful march. Where no
+//! affordable number of rays brings bounds within the goal, pixels are refined until their estimated
+//! error is.
 
 mod alone;
 mod batch;
@@ -58,7 +60,7 @@ struct Chosen {
 
 /// A tile's pixels while they are drawn.
 #[derive(Default)]
-pub(crate) struct Sheet {
+pub(crate) struct TilePixels {
     pixels: Vec<Pixel>,
     rect: PixelRect,
     finished: Vec<[f32; 4]>,
@@ -74,8 +76,8 @@ pub(crate) struct Sheet {
     firsts: Firsts,
 }
 
-impl Sheet {
-    /// Bytes that a sheet takes: pixels, the batch in hand and what it finds, and squares that
+impl TilePixels {
+    /// Bytes that these take: pixels, the batch in hand and what it finds, and squares that
     /// wait.
     pub(crate) const BYTES: u64 = Waiting::BYTES
         + Firsts::BYTES
@@ -304,28 +306,20 @@ impl Sheet {
                 self.judge_squares(grid, batch, &outcome, &mut next);
             }
         }
+        self.enqueue(grid, batch, &next, alone);
+    }
+
+    /// Lets squares wait for what is to be done with them; `alone`: by rays that stand for themselves.
+    fn enqueue(&mut self, grid: &PixelGrid, batch: &Batch, next: &Next, alone: bool) {
         let (before, cut) = (batch.care, batch.cut.clone());
         let to_do = ToDo { quartered: alone, cut, before, care: before.more(), alone };
         self.wait(grid, &next.careful, &to_do);
         self.wait(grid, &next.exact, &ToDo { care: Care::Exact, ..to_do.clone() });
-        self.wait(grid, &next.quartered, &ToDo { quartered: true, care: before, ..to_do });
+        let quartered = ToDo { quartered: true, care: before, ..to_do.clone() };
+        self.wait(grid, &next.quartered, &quartered);
         if let (Some(goal), false) = (self.goal, next.finer.is_empty()) {
-            let cut = match &batch.cut {
-                Cut::Error(cut) => {
-                    let [levels, digits] = next.factors();
-                    let digits = cut.digits.map_or(0.0, |most| most * digits);
-                    // What narrow cells were allowed beyond others goes first.
-                    let limit = cut.limit * (cut.narrow * levels).min(1.0);
-                    let narrow = if levels < 1.0 { 1.0 } else { cut.narrow };
-                    goal.cut(limit, digits).leaving(narrow)
-                }
-                _ => Cut::FullDepth,
-            };
-            self.wait(
-                grid,
-                &next.finer,
-                &ToDo { quartered: alone, cut, before, care: before, alone },
-            );
+            let cut = next.finer_cut(&goal, &batch.cut);
+            self.wait(grid, &next.finer, &ToDo { cut, care: before, ..to_do });
         }
     }
 

@@ -42,14 +42,14 @@ impl Errors {
     }
 }
 
-/// Has a sheet judge white rays of a batch.
-fn judge(sheet: &mut Sheet, grid: &PixelGrid, batch: &Batch, errors: &Errors) {
-    judge_by(sheet, grid, batch, |square| errors.of(square, &batch.cut));
+/// Has a tile judge white rays of a batch.
+fn judge(tile_pixels: &mut TilePixels, grid: &PixelGrid, batch: &Batch, errors: &Errors) {
+    judge_by(tile_pixels, grid, batch, |square| errors.of(square, &batch.cut));
 }
 
 /// The same where squares are off by such shares.
 fn judge_by(
-    sheet: &mut Sheet,
+    tile_pixels: &mut TilePixels,
     grid: &PixelGrid,
     batch: &Batch,
     shares: impl Fn(&Square) -> ErrorShares,
@@ -60,20 +60,20 @@ fn judge_by(
         shares: shares(square).into(),
         uneven: None,
     };
-    sheet.judge(grid, batch, batch.squares.iter().map(outcome));
+    tile_pixels.judge(grid, batch, batch.squares.iter().map(outcome));
 }
 
 /// Draws a tile of white pixels; rays marched.
-fn draw(sheet: &mut Sheet, samples: &str, goal: Goal, errors: &Errors) -> u64 {
+fn draw(tile_pixels: &mut TilePixels, samples: &str, goal: Goal, errors: &Errors) -> u64 {
     let scene = scene(&format!("samples = {samples}"), 9, 7);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
-    sheet.start(&grid, grid.whole(), &Method::Within(goal));
+    tile_pixels.start(&grid, grid.whole(), &Method::Within(goal));
     let mut rays = 0;
-    while let Some(batch) = sheet.next(&grid) {
+    while let Some(batch) = tile_pixels.next(&grid) {
         assert!(!batch.squares.is_empty() && batch.squares.len() <= BATCH_RAYS);
         assert!(batch.squares.is_sorted_by_key(|square| square.pixel));
         rays += batch.squares.len() as u64;
-        judge(sheet, &grid, &batch, errors);
+        judge(tile_pixels, &grid, &batch, errors);
     }
     rays
 }
@@ -85,9 +85,9 @@ fn errors() -> impl Strategy<Value = Errors> {
     })
 }
 
-fn assert_whole(sheet: &mut Sheet) {
-    assert!(sheet.pixels.iter().all(|pixel| (pixel.weight - 1.0).abs() < 1e-9));
-    assert!(sheet.pixels().iter().flatten().all(|value| (value - 1.0).abs() < 1e-6));
+fn assert_whole(tile_pixels: &mut TilePixels) {
+    assert!(tile_pixels.pixels.iter().all(|pixel| (pixel.weight - 1.0).abs() < 1e-9));
+    assert!(tile_pixels.pixels().iter().flatten().all(|value| (value - 1.0).abs() < 1e-6));
 }
 
 fn goal(rays_per_pixel: u64, all_levels: bool) -> Goal {
@@ -118,14 +118,14 @@ proptest! {
         errors in errors(),
         all_levels in any::<bool>(),
     ) {
-        let mut sheet = Sheet::default();
-        draw(&mut sheet, "\"area\"", goal(u64::MAX, all_levels), &errors);
-        for pixel in &sheet.pixels {
+        let mut tile_pixels = TilePixels::default();
+        draw(&mut tile_pixels, "\"area\"", goal(u64::MAX, all_levels), &errors);
+        for pixel in &tile_pixels.pixels {
             let total = pixel.bound().total();
             prop_assert!(total <= TOLERANCE * (1.0 + 1e-9), "{total} {pixel:?}");
         }
-        prop_assert!(sheet.error().shares.total() <= TOLERANCE * (1.0 + 1e-9));
-        assert_whole(&mut sheet);
+        prop_assert!(tile_pixels.error().shares.total() <= TOLERANCE * (1.0 + 1e-9));
+        assert_whole(&mut tile_pixels);
     }
 
     #[test]
@@ -133,29 +133,29 @@ proptest! {
         errors in errors(),
         most in 0..80_u64,
     ) {
-        let mut sheet = Sheet::default();
-        let rays = draw(&mut sheet, "\"area\"", goal(most, false), &errors);
+        let mut tile_pixels = TilePixels::default();
+        let rays = draw(&mut tile_pixels, "\"area\"", goal(most, false), &errors);
         // The batch in hand is marched.
         prop_assert!(rays < 63 * most.max(1) + BATCH_RAYS as u64, "{rays}, not {most} a pixel");
-        assert_whole(&mut sheet);
-        let worst = sheet.pixels.iter().map(|p| p.bound().total()).fold(0.0, f64::max);
-        prop_assert_eq!(sheet.error().shares.total(), worst);
+        assert_whole(&mut tile_pixels);
+        let worst = tile_pixels.pixels.iter().map(|p| p.bound().total()).fold(0.0, f64::max);
+        prop_assert_eq!(tile_pixels.error().shares.total(), worst);
     }
 
     #[test]
     fn rays_without_area_go_through_finer_levels(errors in errors()) {
         let errors = Errors { area: vec![0.0], ..errors };
-        let mut sheet = Sheet::default();
-        draw(&mut sheet, "3", goal(u64::MAX, false), &errors);
-        prop_assert!(sheet.error().shares.total() <= TOLERANCE * (1.0 + 1e-9));
-        assert_whole(&mut sheet);
+        let mut tile_pixels = TilePixels::default();
+        draw(&mut tile_pixels, "3", goal(u64::MAX, false), &errors);
+        prop_assert!(tile_pixels.error().shares.total() <= TOLERANCE * (1.0 + 1e-9));
+        assert_whole(&mut tile_pixels);
     }
 }
 
 #[test]
 fn a_tile_that_is_good_enough_takes_one_ray_a_pixel() {
     let errors = Errors { area: vec![0.1], order: 1, levels: 1.0, digits: 1.0, fixed: 0.1 };
-    let rays = draw(&mut Sheet::default(), "\"area\"", goal(u64::MAX, false), &errors);
+    let rays = draw(&mut TilePixels::default(), "\"area\"", goal(u64::MAX, false), &errors);
     assert_eq!(rays, 63);
 }
 
@@ -166,9 +166,9 @@ fn an_outlook_quarters_pixels_once_whatever_finer_levels_took() {
     let quartered = |rays_per_pixel: u64| {
         let goal = goal(rays_per_pixel, false);
         let outlook = Goal { most_halvings: 1, alone_per_pixel: 1, has_area: true, ..goal };
-        let mut sheet = Sheet::default();
-        draw(&mut sheet, "\"area\"", outlook, &errors);
-        let marched: Vec<_> = (0..63).map(|pixel| sheet.firsts.marched(pixel)).collect();
+        let mut tile_pixels = TilePixels::default();
+        draw(&mut tile_pixels, "\"area\"", outlook, &errors);
+        let marched: Vec<_> = (0..63).map(|pixel| tile_pixels.firsts.marched(pixel)).collect();
         assert!(marched.iter().all(|&rays| rays == 1.0 || rays == 5.0), "{marched:?}");
         marched.iter().filter(|&&rays| rays == 5.0).count()
     };
@@ -183,17 +183,19 @@ fn levels_and_digits_are_made_finer_each_for_what_it_is_off_by() {
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
     let second = |levels: f64, digits: f64| {
         let errors = Errors { area: vec![0.0], order: 1, levels, digits, fixed: 0.0 };
-        let mut sheet = Sheet::default();
-        sheet.start(&grid, grid.whole(), &Method::Within(goal(u64::MAX, false)));
+        let mut tile_pixels = TilePixels::default();
+        tile_pixels.start(&grid, grid.whole(), &Method::Within(goal(u64::MAX, false)));
         let cuts = [(); 2].map(|()| {
-            let batch = sheet.next(&grid).unwrap();
-            judge(&mut sheet, &grid, &batch, &errors);
+            let batch = tile_pixels.next(&grid).unwrap();
+            judge(&mut tile_pixels, &grid, &batch, &errors);
             match batch.cut {
                 Cut::Error(cut) => cut,
                 other => panic!("{other:?}"),
             }
         });
-        assert!(sheet.next(&grid).is_none() && sheet.error().shares.total() <= TOLERANCE);
+        assert!(
+            tile_pixels.next(&grid).is_none() && tile_pixels.error().shares.total() <= TOLERANCE
+        );
         [cuts[1].limit / cuts[0].limit, cuts[1].digits.unwrap() / cuts[0].digits.unwrap()]
     };
     // Three tolerances of either.
@@ -212,21 +214,21 @@ fn pixels_end_whatever_smaller_limits_leave() {
     let scene = scene("samples = 1", 9, 7);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
     for off in [[0.0, 2.0], [2.0, 0.0], [2.0, 2.0]] {
-        let mut sheet = Sheet::default();
-        sheet.start(&grid, grid.whole(), &Method::Within(goal(u64::MAX, false)));
+        let mut tile_pixels = TilePixels::default();
+        tile_pixels.start(&grid, grid.whole(), &Method::Within(goal(u64::MAX, false)));
         let mut rounds = 0;
-        while let Some(batch) = sheet.next(&grid) {
+        while let Some(batch) = tile_pixels.next(&grid) {
             let [levels, digits] = match &batch.cut {
                 Cut::Error(cut) => [off[0], if cut.digits.is_some() { off[1] } else { 0.0 }],
                 _ => [0.0; 2],
             }
             .map(|off| off * TOLERANCE);
             let shares = ErrorShares { levels, digits, ..ErrorShares::default() };
-            judge_by(&mut sheet, &grid, &batch, |_| shares);
+            judge_by(&mut tile_pixels, &grid, &batch, |_| shares);
             rounds += 1;
             assert!(rounds < 30, "{off:?}: {:?}", batch.cut);
         }
-        assert!(sheet.error().shares.total() <= TOLERANCE, "{off:?}");
+        assert!(tile_pixels.error().shares.total() <= TOLERANCE, "{off:?}");
     }
 }
 
@@ -250,10 +252,10 @@ fn draw_light(
 ) -> (u64, TileError) {
     let scene = scene("samples = \"area\"", width, height);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
-    let mut sheet = Sheet::default();
-    sheet.start(&grid, grid.whole(), &Method::Within(goal));
+    let mut tile_pixels = TilePixels::default();
+    tile_pixels.start(&grid, grid.whole(), &Method::Within(goal));
     let mut rays = 0;
-    while let Some(batch) = sheet.next(&grid) {
+    while let Some(batch) = tile_pixels.next(&grid) {
         rays += batch.squares.len() as u64;
         let outcome = |square: &Square| Found {
             square: *square,
@@ -265,13 +267,13 @@ fn draw_light(
             .into(),
             uneven: None,
         };
-        sheet.judge(&grid, &batch, batch.squares.iter().map(outcome));
+        tile_pixels.judge(&grid, &batch, batch.squares.iter().map(outcome));
     }
-    for (n, pixel) in sheet.pixels.iter().enumerate() {
-        let [x, y] = sheet.firsts.place(n).map(|n| n as usize);
+    for (n, pixel) in tile_pixels.pixels.iter().enumerate() {
+        let [x, y] = tile_pixels.firsts.place(n).map(|n| n as usize);
         check(x, y, pixel);
     }
-    (rays, sheet.error())
+    (rays, tile_pixels.error())
 }
 
 #[test]
@@ -371,7 +373,7 @@ fn hopeless(_: &Square) -> f64 {
 }
 
 #[test]
-fn pixels_that_their_neighbours_foretell_take_one_ray() {
+fn pixels_that_their_neighbours_predict_take_one_ray() {
     // A bow across the picture, and in its middle a bump that is rough.
     let light = |[x, y]: [f64; 2]| {
         let rough = (-0.3 * ((x - 32.0).powi(2) + (y - 8.0).powi(2))).exp();
@@ -567,10 +569,10 @@ fn rays_by_care(
 ) -> [usize; 3] {
     let scene = scene(&format!("samples = {samples}"), 9, 7);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
-    let mut sheet = Sheet::default();
-    sheet.start(&grid, grid.whole(), &Method::Within(goal));
+    let mut tile_pixels = TilePixels::default();
+    tile_pixels.start(&grid, grid.whole(), &Method::Within(goal));
     let mut rays = [0; 3];
-    while let Some(batch) = sheet.next(&grid) {
+    while let Some(batch) = tile_pixels.next(&grid) {
         let care = [Care::Rough, Care::Fine, Care::Exact].iter().position(|c| *c == batch.care);
         let care = care.unwrap();
         let stands_for_area = batch.has_area && grid.has_area();
@@ -587,7 +589,7 @@ fn rays_by_care(
             .into(),
             uneven: None,
         };
-        sheet.judge(&grid, &batch, batch.squares.iter().map(outcome));
+        tile_pixels.judge(&grid, &batch, batch.squares.iter().map(outcome));
     }
     rays
 }
@@ -617,7 +619,7 @@ fn rays_of_pixels_out_of_reach_take_no_more_care() {
 }
 
 #[test]
-fn rays_that_are_off_themselves_do_not_stand_for_pixels_that_neighbours_foretell() {
+fn rays_that_are_off_themselves_do_not_stand_for_pixels_that_neighbours_predict() {
     let exact = |off: [f64; 3]| rays_by_care("\"area\"", likely(false), |_| 1.0, off)[2];
     assert!(exact([5.0, 2.0, 0.0]) >= 63 && exact([0.5, 0.5, 0.0]) == 0);
 }
@@ -628,9 +630,9 @@ fn squares_marched_again_and_others_quartered_do_not_mix_their_rays_up() {
     let goal = likely(false);
     let scene = scene("samples = \"area\"", 9, 7);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
-    let mut sheet = Sheet::default();
-    sheet.start(&grid, grid.whole(), &Method::Within(goal));
-    while let Some(batch) = sheet.next(&grid) {
+    let mut tile_pixels = TilePixels::default();
+    tile_pixels.start(&grid, grid.whole(), &Method::Within(goal));
+    while let Some(batch) = tile_pixels.next(&grid) {
         assert!(batch.again.is_empty() || batch.wholes.is_empty());
         let outcome = |square: &Square| {
             let area = match square.pixel {
@@ -648,9 +650,9 @@ fn squares_marched_again_and_others_quartered_do_not_mix_their_rays_up() {
                 uneven: None,
             }
         };
-        sheet.judge(&grid, &batch, batch.squares.iter().map(outcome));
+        tile_pixels.judge(&grid, &batch, batch.squares.iter().map(outcome));
     }
-    for (n, pixel) in sheet.pixels.iter().enumerate() {
+    for (n, pixel) in tile_pixels.pixels.iter().enumerate() {
         let off = (pixel.value[0] - n as f64).abs();
         assert!(off < 1e-9 && (pixel.weight - 1.0).abs() < 1e-9, "{n}: {pixel:?}");
     }
@@ -660,8 +662,8 @@ fn squares_marched_again_and_others_quartered_do_not_mix_their_rays_up() {
 fn squares_of_a_group_that_loses_its_prospect_are_quartered_as_a_batch_has_room() {
     let scene = scene("samples = \"area\"", 16, 16);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
-    let mut sheet = Sheet::default();
-    sheet.start(&grid, grid.whole(), &Method::Within(likely(false)));
+    let mut tile_pixels = TilePixels::default();
+    tile_pixels.start(&grid, grid.whole(), &Method::Within(likely(false)));
     // Quarters of quarters, to be marched again, none of which may shine; those of fewer than half of the
     // pixels stand out.
     let care = Care::Exact;
@@ -675,11 +677,11 @@ fn squares_of_a_group_that_loses_its_prospect_are_quartered_as_a_batch_has_room(
         let pixel_area = if square.pixel < 120 { 5.0 } else { 0.1 };
         let shares = ErrorShares { pixel_area, ..ErrorShares::default() }.into();
         let found = Found { square, value: [1.0; 4], shares, uneven: None };
-        assert!(sheet.may_wait(&grid, &found, &to_do));
+        assert!(tile_pixels.may_wait(&grid, &found, &to_do));
     }
-    sheet.first = None;
+    tile_pixels.first = None;
     let mut quartered = 0;
-    for batch in from_fn(|| sheet.next(&grid)).take(4).filter(|batch| batch.has_area) {
+    for batch in from_fn(|| tile_pixels.next(&grid)).take(4).filter(|batch| batch.has_area) {
         assert!(batch.squares.len() <= BATCH_RAYS && batch.again.is_empty());
         quartered += batch.wholes.len();
     }
@@ -691,23 +693,23 @@ fn squares_of_a_group_that_loses_its_prospect_are_quartered_as_a_batch_has_room(
 fn batches_of_narrow_cells(off: impl Fn(&Square, f64) -> f64) -> Vec<(usize, f64)> {
     let scene = scene("samples = 1", 64, 64);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
-    let mut sheet = Sheet::default();
+    let mut tile_pixels = TilePixels::default();
     let goal = Goal { sounds: true, ..goal(u64::MAX, false) };
-    sheet.start(&grid, grid.whole(), &Method::Within(goal));
+    tile_pixels.start(&grid, grid.whole(), &Method::Within(goal));
     let mut batches = Vec::new();
-    while let Some(batch) = sheet.next(&grid) {
+    while let Some(batch) = tile_pixels.next(&grid) {
         let Cut::Error(ErrorCut { narrow, .. }) = batch.cut else {
             unreachable!("levels are left")
         };
         assert!(batch.squares.is_sorted_by_key(|square| square.pixel));
         batches.push((batch.squares.len(), narrow));
-        judge_by(&mut sheet, &grid, &batch, |square| ErrorShares {
+        judge_by(&mut tile_pixels, &grid, &batch, |square| ErrorShares {
             levels: off(square, narrow) * TOLERANCE,
             ..ErrorShares::default()
         });
     }
-    assert_whole(&mut sheet);
-    assert!(sheet.error().shares.total() <= TOLERANCE);
+    assert_whole(&mut tile_pixels);
+    assert!(tile_pixels.error().shares.total() <= TOLERANCE);
     batches
 }
 

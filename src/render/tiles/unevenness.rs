@@ -20,7 +20,7 @@ const OF_LINEAR: f64 = 1.0 / 12.0;
 const OF_EDGE: f64 = 3.2;
 /// The standard deviation that a square's ray is given for an edge of height 1 at one of its sides: an
 /// edge anywhere in the square makes 0.29, but deep in it one would likely have been met by others.
-pub(super) const UNSEEN: f64 = 0.13;
+pub(super) const UNSEEN_EDGE_SPREAD: f64 = 0.13;
 
 /// What is known at a square's left, right, upper and lower side.
 #[derive(Debug, Clone, Copy)]
@@ -130,7 +130,7 @@ impl Unevenness {
             Half::no_less(most.min(beyond[side]))
         });
         let most = edges.iter().map(|edge: &Half| edge.value()).fold(0.0, f64::max);
-        let aligned = Half::no_less(if is_aligned { UNSEEN * most } else { 0.0 });
+        let aligned = Half::no_less(if is_aligned { UNSEEN_EDGE_SPREAD * most } else { 0.0 });
         Self { edges, aligned, ..*self }
     }
 
@@ -206,7 +206,9 @@ impl Unevenness {
 
     /// The standard deviation of a square's rays.
     pub(super) fn spread(&self) -> f64 {
-        self.edges.iter().fold(self.spread.value(), |most, edge| most.max(UNSEEN * edge.value()))
+        self.edges
+            .iter()
+            .fold(self.spread.value(), |most, edge| most.max(UNSEEN_EDGE_SPREAD * edge.value()))
     }
 
     /// What it is off by as all others along an edge are: a standard deviation.
@@ -269,10 +271,10 @@ mod tests {
         let mut known = Unevenness::around(&places.map(|value| [value; 4]));
         let mut square = whole();
         for _ in 0..4 {
-            let [foretold, new] = [Some(known), None].map(|known| uneven(square, known, smooth));
-            let spread = [foretold, new].map(|uneven| uneven.spread.value());
+            let [predicted, new] = [Some(known), None].map(|known| uneven(square, known, smooth));
+            let spread = [predicted, new].map(|uneven| uneven.spread.value());
             assert!(spread[0] < 0.02 * spread[1], "{spread:?}");
-            (square, known) = (square.quarters()[1], foretold);
+            (square, known) = (square.quarters()[1], predicted);
         }
     }
 

@@ -15,14 +15,14 @@ pub(super) const GROUP_PIXELS: usize = 256;
 /// themselves: the bounds of a group's other squares are not to go to waste for want of room. Nor are
 /// these to leave no room for whole pixels of which only one ray is known.
 const MOST_WAITING: usize = 32 << 10;
-const MOST_ALONE: usize = MOST_WAITING / 2;
+const MOST_SQUARES_ALONE: usize = MOST_WAITING / 2;
 const MOST_OTHERS: usize = MOST_WAITING - 2 * BATCH_RAYS;
 /// Once more have waited for rays that stand for themselves, pixels of a tile are finished a few at a
 /// time: all of a group at once would not find room.
-const CROWD: usize = MOST_ALONE / 2;
+const CROWD: usize = MOST_SQUARES_ALONE / 2;
 pub(super) const FEW_PIXELS: usize = 8;
 /// Squares that are put off until all others are finished, at most.
-const MOST_LAST: usize = MOST_ALONE / 4;
+const MOST_LAST: usize = MOST_SQUARES_ALONE / 4;
 /// In place of their group's number.
 const LAST: usize = usize::MAX;
 
@@ -224,7 +224,7 @@ impl Waiting {
     /// Adds a square; false where there is no room.
     pub(super) fn push(&mut self, found: Found, urgency: Urgency, to_do: &ToDo) -> bool {
         let has_room = if to_do.alone {
-            self.count < MOST_WAITING && self.alone < MOST_ALONE
+            self.count < MOST_WAITING && self.alone < MOST_SQUARES_ALONE
         } else {
             self.count < MOST_WAITING && self.count - self.alone < MOST_OTHERS
         };
@@ -353,7 +353,7 @@ mod tests {
         let mut waiting = Waiting::default();
         let to_do = to_do(false);
         let alone = ToDo { alone: true, ..to_do.clone() };
-        for _ in 0..MOST_ALONE {
+        for _ in 0..MOST_SQUARES_ALONE {
             assert!(waiting.push(found(0, 1.0), Urgency::new(0, 1.0), &alone));
         }
         assert!(!waiting.push(found(0, 1.0), Urgency::new(0, 1.0), &alone));

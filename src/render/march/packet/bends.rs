@@ -1,25 +1,31 @@
-//! What two nodes a part make of a transfer function that bends.
+//! Error bound of two-point Gauss–Legendre quadrature over a part of a cell in which the transfer
+//! function is not linear in x.
 //!
-//! A way through a cell is cut into equal parts. About the middle of one x is a cubic,
+//! A way through a cell is cut into equal parts. About the middle of one, x is a cubic,
 //! m + aσ + e·(σ² − ¼) + o·(σ³ − σ/4) for σ from −½ to ½, and covers a range of at most w ≥ |a|.
-//! Two nodes integrate exactly what is linear in x. Let the emission be a quadratic of half second
-//! derivative c, but for steps K of its slope and C of c, and a deviation d. Of c·x² what is odd
-//! in σ vanishes in integral and rule alike, and what is left is off by
-//! c·(a·o/90 + e²/180 + 0.0011·o²). For the steps let x be δ from the straight line through the
-//! nodes, which covers a range of r: δ = e·(σ² − 1/12) + o·(σ³ − σ/12) is at most D = e/6 + o/12,
-//! and nothing at the nodes, so that the rule sees the line alone. Of a step anywhere along that it
-//! is off by at most 0.0225·r·K + 0.0055·r²·C (found by trying all places, as the tests do again). To
-//! the integral δ adds what it makes behind the step, K times its own integral from there to the end, at
-//! most
-//! 0.0161·e + 0.007·o, and C times that of 2(x − step)·δ, at most r·(0.0105·e + 0.0112·o), with
-//! D²·C; and where x lies on the other side than the line does, K·D·min(1, D/r) at most. All that is
-//! never more than the distance from the chord, w·K/4 + w²·C/4. So much is added, and 2d. Where
-//! light is absorbed over the part, by a depth τ at most, what cancels does so to τ:
-//! τ·(w·K/4 + w²·C/4 + 0.0112·c·w·e) is added, and for what is linear in x, times the slope,
-//! τ·(o/180 + τ·e/360). Where weights of levels make a fourth power of x, its coefficient's 180th
-//! times the slope is. In front of a node, the optical depth is off where extinction is not linear
-//! between nodes; and emission times transmittance is no polynomial: a fourth derivative f⁗ makes
-//! f⁗/4320.
+//! Let the emission be a quadratic in x with half the second derivative c, but for steps of its
+//! slope (K in all over that range) and of c (C in all), and for a deviation d. Two nodes integrate
+//! exactly what is linear in x. Added up are
+//!
+//! - for c·x², of which what is odd in σ vanishes in integral and rule alike:
+//!   c·(a·o/90 + e²/180 + 0.0011·o²);
+//! - for steps as the rule sees them, which sees the straight line through the nodes alone: wherever
+//!   the step lies on that line, which covers a range of r, at most 0.0225·r·K + 0.0055·r²·C (found by
+//!   trying all places, as the tests do again);
+//! - for steps as the integral sees them besides. x is δ = e·(σ² − 1/12) + o·(σ³ − σ/12) from that
+//!   line, at most D = e/6 + o/12, and nothing at the nodes. K counts times the integral of δ from the
+//!   step to the part's end, at most 0.0161·e + 0.007·o; C times that of 2·(x − step)·δ, at most
+//!   r·(0.0105·e + 0.0112·o), and D². Where x lies on the other side of a step than the line does,
+//!   that is K·D·min(1, D/r) at most. All that steps make is never more than the distance from the
+//!   chord, w·K/4 + w²·C/4;
+//! - 2d;
+//! - where light is absorbed over the part, by a depth of at most τ, what cancels above does so only
+//!   to τ: τ·(w·K/4 + w²·C/4 + 0.0112·c·w·e), and for what is linear in x the slope times
+//!   τ·(o/180 + τ·e/360);
+//! - where weights of levels make a fourth power of x, a 180th of its coefficient times the slope.
+//!
+//! In front of a node, the optical depth is off where extinction is not linear between nodes. And
+//! emission times transmittance is no polynomial: a fourth derivative f⁗ makes f⁗/4320.
 #![allow(clippy::needless_range_loop)]
 
 use super::PacketBrick;
@@ -115,15 +121,15 @@ pub(super) fn kinks_between<L: Lanes>(
     [low, high]
 }
 
-/// What a part is off by along which x is `values` at the nodes and bends as `bend` says (see
+/// What a part is off by along which x is `a` and `b` at the nodes and bends as `bend` says (see
 /// [`crate::render::bounds::grade`]).
 #[inline(always)]
-pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
+pub(super) fn part_error<L: Lanes, const ABSORBS: bool>(
     l: L,
     brick: &PacketBrick<'_>,
     [a, b]: [L::Float; 2],
     bend: Bend<L>,
-    Depths { thickness, mean: depth, extinction }: Depths<L>,
+    depths: Depths<L>,
 ) -> PartError<L> {
     // The line through the nodes rises √3 times as far as between them.
     let (apart, off) = (distance(l, a, b), bend.distance(l));
@@ -131,62 +137,93 @@ pub(super) fn crooked<L: Lanes, const ABSORBS: bool>(
     let width = l.fma(off, l.splat(2.0), rise);
     let middle = l.mul(l.add(a, b), l.splat(0.5));
     let half = l.mul(width, l.splat(0.5));
-    let (zero, one) = (l.splat(0.0), l.splat(1.0));
     let [curved, slope, fade, _] =
         slopes_near(l, brick, middle, l.add(half, l.splat(brick.storage[0])));
-    let steepest = [slope, fade];
     // Where x is no cubic nodes are off its mean by as much as it is off the line, and back.
     let mean = l.fma(bend.kink, l.splat(2.0), l.mul(bend.fourth, l.splat(1.0 / 180.0)));
     let odd = l.mul(bend.third, l.fma(bend.third, l.splat(0.0011), l.mul(width, l.splat(0.0112))));
     let even = l.fma(l.mul(bend.second, bend.second), l.splat(0.0056), odd);
     let smooth = l.mul(curved, l.fma(mean, l.add(width, bend.kink), even));
     let [low, high] = kinks_between(l, brick, [l.sub(middle, half), l.add(middle, half)]);
-    let quarter = l.mul(width, l.splat(0.25));
+    let steps: [L::Float; 3] =
+        [l.sub(high[0], low[0]), l.sub(high[1], low[1]), l.sub(high[2], low[2])];
+    let [step_share, turn_share] = shares_of_steps(l, rise, bend);
+    let stepped = l.fma(steps[0], step_share, l.mul(steps[2], turn_share));
+    let emission = l.fma(mean, slope, l.add(smooth, stepped));
     let seen = PartValues { middle, half, off, rise };
-    let [kink_share, turn_share] = shares_of_steps(l, rise, bend);
-    let turned = l.mul(l.sub(high[2], low[2]), turn_share);
-    let kinked = l.fma(l.sub(high[0], low[0]), kink_share, turned);
-    let unseen = l.fma(mean, slope, l.add(smooth, kinked));
+    let steepest = [slope, fade];
+    let [extinction, most, no_curve, depth] = [l.splat(0.0); 4];
+    let error = PartError { emission, extinction, most, curved: no_curve, depth, seen, steepest };
     if !ABSORBS {
-        let [extinction, most, curved, depth] = [zero; 4];
-        return PartError { emission: unseen, extinction, most, curved, depth, seen, steepest };
+        return error;
     }
-    let step = l.sub(high[1], low[1]);
-    let mean = l.fma(mean, fade, l.mul(step, kink_share));
-    let most = l.fma(off, fade, l.mul(step, quarter));
-    // Extinction that is linear, and not negative, is at most 2.74 times its mean at the nodes;
-    // and nowhere is x farther from that at a node than half the width.
-    let leaning = l.mul(l.mul(fade, width), thickness);
-    let straight = l.mul(l.fma(thickness, most, depth), l.splat(2.74));
-    let depth = l.min(straight, l.fma(extinction, thickness, l.mul(leaning, l.splat(0.5))));
-    // What cancels between the part's ends, or with what is linear, does so no better than the
-    // transmittance is the same there; which leaves of a cubic x itself a share by nodes.
-    let steps = l.fma(l.sub(high[2], low[2]), width, l.sub(high[0], low[0]));
-    let rise = l.mul(curved, width);
-    let bent = l.mul(rise, l.mul(bend.second, l.splat(0.0112)));
-    let cubic =
-        l.fma(l.mul(depth, bend.second), l.splat(0.0028), l.mul(bend.third, l.splat(0.0056)));
-    let coupled = l.fma(slope, cubic, l.fma(steps, quarter, bent));
-    // Fourth derivatives, by those of the transmittance: of the emission itself, which rises by
-    // no more than its slope says, of its slope, and of its own second derivative.
-    let square = l.mul(depth, depth);
-    let third = l.mul(depth, l.fma(leaning, l.splat(3.0), square));
-    let sixth = l.add(square, l.mul(leaning, l.splat(6.0)));
-    let fourth = l.fma(square, sixth, l.mul(l.mul(leaning, leaning), l.splat(3.0)));
-    let rising = l.mul(l.mul(slope, width), l.fma(third, l.splat(4.0), fourth));
-    let turning = l.mul(l.mul(rise, width), l.mul(l.add(square, leaning), l.splat(12.0)));
-    let share = l.splat(1.0 / 4320.0);
-    let all = l.fma(depth, coupled, l.fma(l.add(rising, turning), share, unseen));
-    // From the part's near end, not on average: e^depth up to 1 is at most 1 + 1.72·depth.
-    let near = l.fma(depth, l.splat(1.72), one);
-    PartError {
-        emission: l.mul(all, near),
-        extinction: mean,
-        most,
-        curved: l.mul(l.mul(fourth, share), near),
-        depth,
-        seen,
-        steepest,
+    let part = AbsorbingPart { width, mean, curved, steps, step_share, bend };
+    part.error(l, &error, depths)
+}
+
+/// What is known of a part over which light is absorbed.
+struct AbsorbingPart<L: Lanes> {
+    /// The most that x ranges over.
+    width: L::Float,
+    /// How far the nodes' mean may be from that of x.
+    mean: L::Float,
+    /// Half the second derivative of the emission.
+    curved: L::Float,
+    /// Steps of the slopes of emission and extinction, and of half the emission's second derivative.
+    steps: [L::Float; 3],
+    /// What a unit step of a slope makes.
+    step_share: L::Float,
+    bend: Bend<L>,
+}
+
+impl<L: Lanes> AbsorbingPart<L> {
+    /// What the part is off by, where without absorption that would be `error`.
+    #[inline(always)]
+    fn error(
+        &self,
+        l: L,
+        error: &PartError<L>,
+        Depths { thickness, mean: depth, extinction }: Depths<L>,
+    ) -> PartError<L> {
+        let (width, curved, bend) = (self.width, self.curved, self.bend);
+        let [slope, fade] = error.steepest;
+        let quarter = l.mul(width, l.splat(0.25));
+        let mean = l.fma(self.mean, fade, l.mul(self.steps[1], self.step_share));
+        let most = l.fma(error.seen.off, fade, l.mul(self.steps[1], quarter));
+        // Extinction that is linear, and not negative, is at most 2.74 times its mean at the nodes;
+        // and nowhere is x farther from that at a node than half the width.
+        let leaning = l.mul(l.mul(fade, width), thickness);
+        let straight = l.mul(l.fma(thickness, most, depth), l.splat(2.74));
+        let depth = l.min(straight, l.fma(extinction, thickness, l.mul(leaning, l.splat(0.5))));
+        // What cancels between the part's ends, or with what is linear, does so no better than the
+        // transmittance is the same there; which leaves of a cubic x itself a share by nodes.
+        let steps = l.fma(self.steps[2], width, self.steps[0]);
+        let rise = l.mul(curved, width);
+        let bent = l.mul(rise, l.mul(bend.second, l.splat(0.0112)));
+        let cubic =
+            l.fma(l.mul(depth, bend.second), l.splat(0.0028), l.mul(bend.third, l.splat(0.0056)));
+        let coupled = l.fma(slope, cubic, l.fma(steps, quarter, bent));
+        // Fourth derivatives, by those of the transmittance: of the emission itself, which rises by
+        // no more than its slope says, of its slope, and of its own second derivative.
+        let square = l.mul(depth, depth);
+        let third = l.mul(depth, l.fma(leaning, l.splat(3.0), square));
+        let sixth = l.add(square, l.mul(leaning, l.splat(6.0)));
+        let fourth = l.fma(square, sixth, l.mul(l.mul(leaning, leaning), l.splat(3.0)));
+        let rising = l.mul(l.mul(slope, width), l.fma(third, l.splat(4.0), fourth));
+        let turning = l.mul(l.mul(rise, width), l.mul(l.add(square, leaning), l.splat(12.0)));
+        let share = l.splat(1.0 / 4320.0);
+        let all = l.fma(depth, coupled, l.fma(l.add(rising, turning), share, error.emission));
+        // From the part's near end, not on average: e^depth up to 1 is at most 1 + 1.72·depth.
+        let near = l.fma(depth, l.splat(1.72), l.splat(1.0));
+        PartError {
+            emission: l.mul(all, near),
+            extinction: mean,
+            most,
+            curved: l.mul(l.mul(fourth, share), near),
+            depth,
+            seen: error.seen,
+            steepest: error.steepest,
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 #![allow(clippy::needless_range_loop)]
 
 use super::PacketBrick;
-use super::bends::{Depths, PartValues, crooked};
+use super::bends::{Depths, PartValues, part_error};
 use super::blended::Part;
 use super::cube::{Bend, Cube};
 use super::part_lanes::PartLanes;
@@ -325,7 +325,7 @@ impl<L: Lanes> StretchPart<L> {
         let lit = l.add(weights[0], weights[1]);
         gain.steep.lit = lit;
         let depths = Depths { thickness, mean, extinction: l.max(a[3], b[3]) };
-        let found = crooked::<L, ABSORBS>(l, brick, values, bend, depths);
+        let found = part_error::<L, ABSORBS>(l, brick, values, bend, depths);
         gain.off[0] = l.mul(found.emission, lit);
         let high = l.add(found.seen.middle, found.seen.half);
         let [_, _, most, base] = stretch.stored;

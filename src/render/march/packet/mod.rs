@@ -1,13 +1,13 @@
 //! The march of several rays at once through one brick, in f32.
 //!
-//! Each ray walks from dual cell to dual cell ([`walk`]), from crossing to crossing as sums of two f32
-//! ([`long`]), so that cells at its end are placed as exactly as those at its beginning. Where rays come into the
-//! brick is worked out before, in f64 (`packets/lane_rays.rs`). Within a cell the interpolant
-//! ([`cube`]) at two Gauss–Legendre nodes gives emission and extinction by table ([`shade`],
-//! [`crate::render::transfer::table`]): bins with two lines each, which meet at a corner of the transfer
-//! function. The optical depth up to a node is that of extinction linear between the nodes
-//! ([`gain`]). A cell beside a border of levels is cut where the weight of its level bends, and
-//! blended at the nodes ([`blended`]).
+//! Each ray walks from dual cell to dual cell ([`walk`]), from crossing to crossing as sums of two
+//! f32 ([`long`]), so that cells at its end are placed as exactly as those at its beginning. Where
+//! rays come into the brick is worked out before, in f64 (`packets/lane_rays.rs`). Within a cell
+//! the interpolant ([`cube`]) at two Gauss–Legendre nodes gives emission and extinction by table
+//! ([`shade`], [`crate::render::transfer::table`]): bins with two lines each, which meet at a
+//! corner of the transfer function. The optical depth up to a node is that of extinction linear
+//! between the nodes ([`gain`]). A cell beside a border of levels is cut where the weight of its
+//! level bends, and blended at the nodes ([`blended`]).
 //!
 //! Nothing searches for bends of the transfer function. What passing over them may cost is bounded from
 //! the values met and from how the interpolant bends along the ray ([`bends`]); where that is more
@@ -16,19 +16,19 @@
 //! by side, depths in front of parts are summed in order, and what they gather is collected in their
 //! rays' lanes ([`part_lanes`]).
 //!
-//! Where rays stand for squares of pixels, their account is kept in lanes too ([`square`]; its twin for
-//! single rays is `render/march/brick_account.rs`, and tests hold both to all rays of a square). A ray behind which no
-//! more than its share of the tolerance can follow stops inside the brick. What rounding may do
-//! is graded per group of cells ([`crate::render::bounds::grade`]; kept with bricks that areas pass many times,
-//! `render/brick/kept_rates.rs`); rays stop before cells that are not fit for it. All numbers are the brick's
-//! own, near 1: lengths in cells, light relative to the transfer function's largest. All of this is
-//! put together in [`interpolated`].
+//! Where rays stand for squares of pixels, their account is kept in lanes too ([`square`]; its twin
+//! for single rays is `render/march/brick_account.rs`, and tests hold both to all rays of a
+//! square). A ray behind which no more than its share of the tolerance can follow stops inside the
+//! brick. What rounding may do is graded per group of cells ([`crate::render::bounds::grade`]; kept
+//! with bricks that areas pass many times, `render/brick/kept_rates.rs`); rays stop before cells
+//! that are not fit for it. All numbers are the brick's own, near 1: lengths in cells, light
+//! relative to the transfer function's largest. All of this is put together in [`interpolated`].
 //!
-//! Where cells are constant, rays walk through the cells themselves ([`cells`]). What a cell emits and
-//! absorbs is known from when its brick was loaded (`render/brick/cell_shades.rs`). A crossing from one to
-//! the next may be off in f32: it counts with what both emit and absorb, dimmed by what lies behind it in
-//! them, so that opaque surfaces cost little; where the order of two is in doubt, with the most of the group
-//! around.
+//! Where cells are constant, rays walk through the cells themselves ([`cells`]). What a cell emits
+//! and absorbs is known from when its brick was loaded (`render/brick/cell_shades.rs`). A crossing
+//! from one to the next may be off in f32: it counts with what both emit and absorb, dimmed by what
+//! lies behind it in them, so that opaque surfaces cost little; where the order of two is in doubt,
+//! with the most of the group around.
 //!
 //! No closures here, nor what takes them: they are functions of their own, compiled without the
 //! lanes' instructions.
@@ -105,11 +105,11 @@ pub(super) struct PacketBrick<'g> {
     /// The most that stored values make of x in any group, and how much more that is for each unit
     /// of x.
     pub(super) storage: [f32; 2],
-    /// Where rays stand for squares, for each group, and all in one: steepest slopes of x along each
-    /// axis, half the ranges of these, and the range of x; where cells are constant, what emission and
-    /// extinction differ by from one to any other, relative to the table's, and fillers. Last what stored
-    /// values make of emission and extinction at most, packed as `rates` are.
-    /// Else empty.
+    /// Where rays stand for squares, for each group, and all in one: steepest slopes of x along
+    /// each axis, half the ranges of these, and the range of x; where cells are constant, what
+    /// emission and extinction differ by from one to any other, relative to the table's, and
+    /// fillers. Last what stored values make of emission and extinction at most, packed as `rates`
+    /// are. Else empty.
     pub(super) reliefs: &'g [[f32; 8]],
     /// Whether rays are marched in place of others, near them: then what holds for places a cell beside
     /// each group counts of levels, as it does of all else that is known of groups.
@@ -246,8 +246,8 @@ impl Packet {
     }
 }
 
-/// The march of a packet until each active ray has left the brick or faded, which are then active no more,
-/// or has come to a cell that is not fit.
+/// The march of a packet until each active ray has left the brick or faded, which are then active
+/// no more, or has come to a cell that is not fit.
 pub(super) struct March<'m> {
     /// The brick.
     pub(super) brick: &'m PacketBrick<'m>,

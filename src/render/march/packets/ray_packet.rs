@@ -75,9 +75,9 @@ impl RayPacket {
         all_plain: bool,
         rays: &[TileRay],
         accounts: Accounts<'_>,
-        film: &mut Rays<'_>,
+        gathered: &mut Rays<'_>,
     ) -> u64 {
-        let mut single = self.board(place, rays, accounts, film);
+        let mut single = self.board(place, rays, accounts, gathered);
         let entered = self.packet.active;
         if all_plain && entered != 0 {
             self.width.run(March { brick, packet: &mut self.packet, blended: false });
@@ -88,22 +88,22 @@ impl RayPacket {
                 self.go(brick, blended);
             }
             if self.are_proxies {
-                self.give_up(brick, rays, film);
+                self.give_up(brick, rays, gathered);
             }
             for lane in lanes(self.packet.active) {
                 if brick.fit(self.packet.cell(lane)).is_none() {
                     let index = rays[lane].index;
-                    self.settle(place, lane, index, has_accounts, film);
-                    self.clear(place, lane, &film.states[index]);
-                    single += self.pass_alone(place, brick, lane, index, has_accounts, film);
+                    self.settle(place, lane, index, has_accounts, gathered);
+                    self.clear(place, lane, &gathered.states[index]);
+                    single += self.pass_alone(place, brick, lane, index, has_accounts, gathered);
                 }
             }
         }
         for lane in lanes(entered) {
             let index = rays[lane].index;
-            self.settle(place, lane, index, has_accounts, film);
+            self.settle(place, lane, index, has_accounts, gathered);
             if let Some(LaneSquare { beam, before, .. }) = self.squares.get(lane) {
-                let (state, error) = (&mut film.states[index], &mut film.errors[index]);
+                let (state, error) = (&mut gathered.states[index], &mut gathered.errors[index]);
                 leave(Some(self.lane_rays.span(lane)), beam, state, error, before);
             }
         }
@@ -117,7 +117,7 @@ impl RayPacket {
         place: &Place<'_>,
         rays: &[TileRay],
         accounts: Accounts<'_>,
-        film: &mut Rays<'_>,
+        gathered: &mut Rays<'_>,
     ) -> u64 {
         let Self { packet, lane_rays, squares, .. } = self;
         squares.clear();
@@ -130,10 +130,10 @@ impl RayPacket {
         let mut single = 0;
         self.are_proxies = matches!(accounts, Accounts::Proxies(_));
         for (lane, (tile_ray, beam)) in rays.iter().zip(accounts.squares()).enumerate() {
-            single += self.take_square(place, lane, tile_ray, beam, film);
+            single += self.take_square(place, lane, tile_ray, beam, gathered);
         }
         for lane in lanes(self.packet.active) {
-            self.set_terms(place, lane, &film.states[rays[lane].index]);
+            self.set_terms(place, lane, &gathered.states[rays[lane].index]);
         }
         single
     }
@@ -146,10 +146,10 @@ impl RayPacket {
         lane: usize,
         TileRay { index, ray }: &TileRay,
         beam: &Beam,
-        film: &mut Rays<'_>,
+        gathered: &mut Rays<'_>,
     ) -> u64 {
         let span = (self.packet.active >> lane & 1 == 1).then(|| self.lane_rays.span(lane));
-        let (state, error) = (&mut film.states[*index], &mut film.errors[*index]);
+        let (state, error) = (&mut gathered.states[*index], &mut gathered.errors[*index]);
         let before = *error;
         let spread = if self.are_proxies {
             spread_of(ray, &place.region, span, beam)
@@ -180,10 +180,10 @@ impl RayPacket {
     /// Gives up proxies that have come to cells that are not fit for packets: the others for which
     /// they stand may be off by anything, since what those would find there is known for packets
     /// alone.
-    fn give_up(&mut self, brick: &PacketBrick<'_>, rays: &[TileRay], film: &mut Rays<'_>) {
+    fn give_up(&mut self, brick: &PacketBrick<'_>, rays: &[TileRay], gathered: &mut Rays<'_>) {
         for lane in lanes(self.packet.active) {
             if brick.fit(self.packet.cell(lane)).is_none() {
-                film.errors[rays[lane].index].farthest = Sums::ANYTHING;
+                gathered.errors[rays[lane].index].farthest = Sums::ANYTHING;
                 self.packet.active &= !(1 << lane);
             }
         }
@@ -221,16 +221,16 @@ impl RayPacket {
         lane: usize,
         index: usize,
         has_account: bool,
-        film: &mut Rays<'_>,
+        gathered: &mut Rays<'_>,
     ) {
         let Self { packet, lane_rays, .. } = self;
         let table = &place.transfer.table;
         let length = lane_rays.length(lane) * lane_rays.unit(lane);
-        let state = &mut film.states[index];
+        let state = &mut gathered.states[index];
         let seen = state.transmittance * length;
         let sum = |row: &Row| f64::from(row.0[lane]);
         if has_account {
-            let error = &mut film.errors[index];
+            let error = &mut gathered.errors[index];
             let before = error.own_extinction();
             // What overflows f32 may come to no number.
             let times = |sum: f64, unit: f64| {
@@ -277,7 +277,7 @@ impl RayPacket {
         lane: usize,
         index: usize,
         accounts: bool,
-        film: &mut Rays<'_>,
+        gathered: &mut Rays<'_>,
     ) -> u64 {
         let Place { passage, light, range, .. } = place;
         let (ray, span, unit) =
@@ -285,7 +285,7 @@ impl RayPacket {
         let from = (span.0 + self.packet.reached(lane) * unit).min(span.1);
         let mut walk = CellWalk::new(&ray, range, self.packet.cell(lane), from, span.1);
         let relief = &passage.brick.relief;
-        let (state, error) = (&mut film.states[index], &mut film.errors[index]);
+        let (state, error) = (&mut gathered.states[index], &mut gathered.errors[index]);
         let spread = self.squares.get(lane).map_or_else(Spread::default, |square| square.spread);
         let mut account = accounts.then(|| BrickAccount::new(relief, error, passage.hides, spread));
         let mut integrator = Integrator::new(light.pieces, &light.ending, accounts, state);

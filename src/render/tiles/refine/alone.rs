@@ -3,7 +3,7 @@
 
 use std::array::from_fn;
 
-use super::{BATCH_RAYS, Batch, GROUP_PIXELS, MOST_HALVINGS, Next, Sheet, movable};
+use super::{BATCH_RAYS, Batch, GROUP_PIXELS, MOST_HALVINGS, Next, TilePixels, movable};
 use crate::render::bounds::grade::Care;
 use crate::render::bounds::shares::ErrorShares;
 use crate::render::camera::rays::PixelGrid;
@@ -30,9 +30,9 @@ const QUARTERS: u32 = 4;
 /// in so many: those that follow may need as many.
 const OF_SAVED: u64 = 4;
 /// A quarter of a square stands out that may do more than this part of the square's harm.
-const STANDS_OUT: f64 = 0.4;
+const STANDS_OUT_OF_SQUARE: f64 = 0.4;
 
-impl Sheet {
+impl TilePixels {
     /// The squares of `found` that are to be quartered for their pixels' mean, whose rays are counted;
     /// the others are taken as they are or, for want of rays, put off, but for those that have been.
     /// Should rays end, pixels of few squares have theirs first.
@@ -184,7 +184,7 @@ impl Sheet {
         if whole.square.halvings == 0 {
             let pixel = usize::from(whole.square.pixel);
             self.firsts
-                .foretell(pixel)
+                .predict(pixel)
                 .or_else(|| Some(Unevenness::of_edges(self.firsts.edges(pixel))))
         } else {
             whole.uneven
@@ -306,7 +306,7 @@ impl Sheet {
         let marched = ToDo { quartered: false, cut, before: care, care, alone: false };
         for (whole, quarters) in batch.wholes.iter().zip(outcome.chunks_exact(4)) {
             let harm = |found: &Found| grid.weight(&found.square) * movable(&found.shares(), care);
-            let most = STANDS_OUT * harm(whole);
+            let most = STANDS_OUT_OF_SQUARE * harm(whole);
             for quarter in quarters {
                 let (harm, bound) = (harm(quarter), movable(&quarter.shares(), care));
                 let little = self.little(most.min(median));

@@ -2,7 +2,7 @@
 
 use std::array::from_fn;
 
-use super::Sheet;
+use super::TilePixels;
 use super::alone::ALONE_SHARE;
 use crate::render::bounds::grade::Care;
 use crate::render::camera::rays::{PixelGrid, Square};
@@ -32,15 +32,20 @@ pub(crate) struct Batch {
 impl Batch {
     /// Says of what has been found how uneven it is: what was known of it before, or what rays of
     /// the quarters of a square tell.
-    /// `sheet` knows of whole pixels by their neighbours.
-    pub(super) fn hand_down(&self, grid: &PixelGrid, sheet: &Sheet, outcome: &mut [Found]) {
-        let tolerance = sheet.goal.map_or(0.0, |goal| goal.tolerance);
+    /// `tile_pixels` knows of whole pixels by their neighbours.
+    pub(super) fn hand_down(
+        &self,
+        grid: &PixelGrid,
+        tile_pixels: &TilePixels,
+        outcome: &mut [Found],
+    ) {
+        let tolerance = tile_pixels.goal.map_or(0.0, |goal| goal.tolerance);
         for (found, before) in outcome.iter_mut().zip(&self.again) {
             found.uneven = before.uneven;
         }
         for (whole, quarters) in self.wholes.iter().zip(outcome.chunks_exact_mut(4)) {
             let values = from_fn(|n| &quarters[n].value);
-            let uneven = Unevenness::of(&whole.value, sheet.known(whole), values);
+            let uneven = Unevenness::of(&whole.value, tile_pixels.known(whole), values);
             // Rays that are off by much themselves say nothing of others, but where many add up.
             let off = quarters.iter().chain([whole]).map(Found::own);
             let most = f64::from(whole.square.halvings).exp2() * ALONE_SHARE * tolerance;
@@ -48,7 +53,7 @@ impl Batch {
             // Their rays lie at their centres.
             let is_aligned = grid.has_edges_along(&whole.square);
             let of_quarter = |n: usize, uneven: Unevenness| {
-                uneven.of_quarter(n, values, sheet.firsts.around(&quarters[n]), is_aligned)
+                uneven.of_quarter(n, values, tile_pixels.firsts.around(&quarters[n]), is_aligned)
             };
             let each: [_; 4] = from_fn(|n| uneven.map(|uneven| of_quarter(n, uneven)));
             for (quarter, uneven) in quarters.iter_mut().zip(each) {

@@ -4,7 +4,7 @@
 //!
 //! Rays as far apart as pixels cannot see what is alike in all of these. So in each block of pixels
 //! one, a *witness*, is quartered whatever its neighbours say. Where its quarters have another mean
-//! than they foretold, those around it are believed by as much less.
+//! than they predicted, those around it are believed by as much less.
 
 use super::Batch;
 use super::rim::{Rim, SIDES};
@@ -15,7 +15,7 @@ use crate::render::tiles::waiting::Found;
 
 /// A pixel stands out whose bound is so many times the median of those around it: something may be
 /// in it that is not in these.
-const STANDS_OUT: f64 = 1.5;
+const STANDS_OUT_OF_NEIGHBOURS: f64 = 1.5;
 /// Bounds around a pixel, of which fewer have no median to go by.
 const FEWEST_AROUND: usize = 3;
 /// Blocks of a tile at most.
@@ -39,7 +39,7 @@ pub(super) struct Firsts {
     pub(super) order: PixelOrder,
     /// Of each pixel.
     each: Vec<First>,
-    /// By how much, in each block of pixels, a mean has differed from what neighbours foretold.
+    /// By how much, in each block of pixels, a mean has differed from what neighbours predicted.
     doubts: Vec<f64>,
     /// What lies on the tile's outer sides.
     pub(super) rim: Rim,
@@ -107,7 +107,7 @@ impl Firsts {
 
     /// How the first rays of a pixel and of those around it vary: at the tile's edges, of the nearest
     /// nine with it among them.
-    pub(super) fn foretell(&self, pixel: usize) -> Option<Unevenness> {
+    pub(super) fn predict(&self, pixel: usize) -> Option<Unevenness> {
         let size = [self.order.width(), self.order.height()];
         if size.iter().any(|n| *n < 3) {
             return None;
@@ -180,12 +180,12 @@ impl Firsts {
         if whole.square.halvings > 0 {
             return;
         }
-        let Some(foretold) = self.foretell(pixel) else { return };
+        let Some(predicted) = self.predict(pixel) else { return };
         let missed = |c: usize| {
             let mean = 0.25 * quarters.iter().map(|value| value[c]).sum::<f64>();
-            (mean - whole.value[c] - OF_QUARTERS * foretold.bend(c)).abs()
+            (mean - whole.value[c] - OF_QUARTERS * predicted.bend(c)).abs()
         };
-        let missed = (0..4).map(missed).fold(0.0, f64::max) - foretold.likely();
+        let missed = (0..4).map(missed).fold(0.0, f64::max) - predicted.likely();
         let block = self.block_of(pixel).0 as usize;
         self.doubts[block] = self.doubts[block].max(missed);
     }
@@ -211,6 +211,6 @@ impl Firsts {
         let others = self.near(pixel).filter(|other| *other != pixel);
         let mut around: Vec<_> = others.map(|other| self.each[other].bound).collect();
         around.sort_unstable_by(f64::total_cmp);
-        around.len() < FEWEST_AROUND || bound > STANDS_OUT * around[around.len() / 2]
+        around.len() < FEWEST_AROUND || bound > STANDS_OUT_OF_NEIGHBOURS * around[around.len() / 2]
     }
 }

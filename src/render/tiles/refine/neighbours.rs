@@ -1,6 +1,6 @@
 //! Pixels that are taken by their first ray, as those of their neighbours tell.
 
-use super::Sheet;
+use super::TilePixels;
 use super::alone::ALONE_SHARE;
 use crate::render::bounds::shares::ErrorShares;
 use crate::render::tiles::waiting::Found;
@@ -8,11 +8,11 @@ use crate::render::tiles::waiting::Found;
 /// Neighbours tell little of a pixel that may be off by this many times the light that was expected
 /// of all of the picture.
 const UNKNOWN: f64 = 4.0;
-/// What neighbours have missed in a witness counts this many times beside what they foretell of
+/// What neighbours have missed in a witness counts this many times beside what they predict of
 /// others.
 const DOUBTS: f64 = 2.0;
 
-impl Sheet {
+impl TilePixels {
     /// Takes a whole pixel by its first ray if its neighbours tell that its mean is close enough to
     /// it. Returns whether they do.
     pub(super) fn take_by_neighbours(&mut self, found: &Found) -> bool {
@@ -21,13 +21,13 @@ impl Sheet {
         if !is_asked || self.is_unknown(pixel) || self.is_off_itself(found) {
             return false;
         }
-        let Some(foretold) = self.firsts.foretell(pixel) else { return false };
+        let Some(predicted) = self.firsts.predict(pixel) else { return false };
         let doubt = DOUBTS * self.firsts.doubt_around(pixel);
         let beside = self.pixels[pixel].beside_mean() + found.own();
-        if foretold.likely() + foretold.most_bend() + doubt > self.room_for_mean(beside) {
+        if predicted.likely() + predicted.most_bend() + doubt > self.room_for_mean(beside) {
             return false;
         }
-        self.pixels[pixel].take_as_foretold(found, &foretold, doubt);
+        self.pixels[pixel].take_as_predicted(found, &predicted, doubt);
         true
     }
 

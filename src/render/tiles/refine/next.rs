@@ -4,6 +4,7 @@ use super::Batch;
 use crate::render::bounds::grade::Care;
 use crate::render::bounds::shares::ErrorShares;
 use crate::render::plan::cut::Cut;
+use crate::render::plan::goal::Goal;
 use crate::render::tiles::waiting::Found;
 
 /// The part of a pixel's error that may come from levels, of what levels and area may be off by.
@@ -55,8 +56,19 @@ impl Next {
         false
     }
 
+    /// The cut for squares that need finer levels, or more digits, than `cut` leaves them.
+    pub(super) fn finer_cut(&self, goal: &Goal, cut: &Cut) -> Cut {
+        let Cut::Error(cut) = cut else { return Cut::FullDepth };
+        let [levels, digits] = self.factors();
+        let digits = cut.digits.map_or(0.0, |most| most * digits);
+        // What narrow cells were allowed beyond others goes first.
+        let limit = cut.limit * (cut.narrow * levels).min(1.0);
+        let narrow = if levels < 1.0 { 1.0 } else { cut.narrow };
+        goal.cut(limit, digits).leaving(narrow)
+    }
+
     /// What limits of levels and digits are made smaller by.
-    pub(super) fn factors(&self) -> [f64; 2] {
+    fn factors(&self) -> [f64; 2] {
         let shares = [LEVELS_SHARE, DIGITS_SHARE];
         std::array::from_fn(|n| {
             let [worst, share] = [self.worst[n], shares[n]];

@@ -1,6 +1,6 @@
 //! Whether rays can bring the bounds of pixels' areas within the tolerance.
 
-use super::{Batch, GROUP_PIXELS, Goal, MOST_NEEDED, Sheet, movable};
+use super::{Batch, GROUP_PIXELS, Goal, MOST_NEEDED, TilePixels, movable};
 use crate::render::camera::rays::PixelGrid;
 use crate::render::plan::goal::power;
 use crate::render::tiles::waiting::Found;
@@ -10,13 +10,13 @@ use crate::render::tiles::waiting::Found;
 const FAST: f64 = 2.0;
 /// Bounds of this many times the light that was expected say that something may shine that has not
 /// been seen.
-const UNSEEN: f64 = 10.0;
+const MAY_SHINE: f64 = 10.0;
 
 /// After so many squares were quartered, how bounds fell before that counts half as much.
 const FORGOTTEN: f64 = 64.0;
 /// So many of them tell how those that follow will.
 const TELLING: f64 = 16.0;
-/// A group of pixels has no prospect whose bounds foretell so many times the rays that are left.
+/// A group of pixels has no prospect whose bounds predict so many times the rays that are left.
 const AT_WORST: f64 = 2.0;
 
 /// What a square may do to its pixel without being scouted, as a part of the tolerance; and as a part of
@@ -38,7 +38,7 @@ pub(super) struct GroupInHand {
     pub(super) scouts: Option<f64>,
 }
 
-impl Sheet {
+impl TilePixels {
     /// Looks at whether bounds of the group of pixels of this number are sought, and fall fast enough.
     /// Where not, rays that stand for squares go only where something small may shine. `found` are
     /// squares that wait as well, to be marched `again` or quartered.
@@ -92,7 +92,7 @@ impl Sheet {
     /// Whether what is off by so much may be something bright that no ray has met. Where it is shows
     /// only in what rays are off by that are marched with care, through finer levels.
     pub(super) fn may_shine(&self, bound: f64) -> bool {
-        self.goal.is_some_and(|goal| bound > UNSEEN * goal.behind)
+        self.goal.is_some_and(|goal| bound > MAY_SHINE * goal.behind)
     }
 
     /// Harm that need not be scouted for, where others do so much: a part of the tolerance at least.

@@ -4,7 +4,7 @@
 //! tell the same.
 
 use super::firsts::Firsts;
-use super::{Batch, Sheet};
+use super::{Batch, TilePixels};
 use crate::render::bounds::grade::Care;
 use crate::render::camera::rays::{PixelGrid, Square, TILE_SIDE};
 use crate::render::tiles::waiting::Found;
@@ -53,7 +53,7 @@ impl Rim {
     }
 }
 
-impl Sheet {
+impl TilePixels {
     /// The rays on outer sides of pixels that may be off by more than the tolerance, once the first
     /// ray of each is known.
     pub(super) fn rim_batch(&mut self, grid: &PixelGrid) -> Option<Batch> {

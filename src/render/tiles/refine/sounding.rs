@@ -5,7 +5,7 @@
 //! others begin with.
 
 use super::next::{LEVELS_SHARE, movable};
-use super::{Batch, Mean, Sheet};
+use super::{Batch, Mean, TilePixels};
 use crate::render::camera::rays::{PixelGrid, Square};
 use crate::render::plan::cut::Cut;
 use crate::render::plan::goal::{Goal, MOST_OF_NARROW};
@@ -39,7 +39,7 @@ impl Sounding {
     }
 }
 
-impl Sheet {
+impl TilePixels {
     /// The batch of all rays that are not known once a few are. Of pixels that stand for themselves those
     /// are taken that are good enough; areas need to be known one beside the other.
     pub(super) fn sounded(

@@ -1,7 +1,7 @@
 //! Whether packets of more care are worth their time: what they are off by is in part rounding, which no
 //! care makes less.
 
-use super::{Batch, Mean, Sheet, movable};
+use super::{Batch, Mean, TilePixels, movable};
 use crate::render::bounds::grade::Care;
 use crate::render::camera::rays::PixelGrid;
 use crate::render::tiles::waiting::{Found, ToDo};
@@ -39,7 +39,7 @@ impl Trial {
     }
 }
 
-impl Sheet {
+impl TilePixels {
     /// Of squares that are to be marched `again`, in packets of more care, those that may become good
     /// enough by that, as far as others of the tile tell, or, before any do, a few; others wait.
     pub(super) fn with_promise(

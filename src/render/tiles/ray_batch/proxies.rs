@@ -162,7 +162,7 @@ pub(super) fn first_apart(
     floor_to_power((OPTIMISM * apart).min(WIDEST / widest))
 }
 
-impl Tile {
+impl RayBatch {
     /// Marches proxies through a part of a brick that packets may march through. Rays that need not be
     /// marched are marked as served. Returns the number of samples.
     pub(super) fn draw_by_proxies(
@@ -231,8 +231,8 @@ impl Tile {
             errors.clear();
             errors.resize(self.entering.len(), RayError::default());
             let accounts = Accounts::Proxies(&self.beams);
-            let mut film = Rays { states, errors };
-            samples += self.packets.march(passage, light, &self.entering, accounts, &mut film);
+            let mut gathered = Rays { states, errors };
+            samples += self.packets.march(passage, light, &self.entering, accounts, &mut gathered);
             let wanted = results[first..next].iter_mut().filter(|result| result.is_wanted);
             let rays = self.entering.iter().zip(&self.beams);
             for (result, ((state, error), (TileRay { ray, .. }, beam))) in

@@ -47,7 +47,7 @@ const MOST_ENTERING: usize = 2 * MOST_LANES;
 /// Up to [`BATCH_RAYS`] rays through pixels of one rectangle. The memory is reused from batch to
 /// batch.
 #[derive(Debug)]
-pub(crate) struct Tile {
+pub(crate) struct RayBatch {
     rect: PixelRect,
     /// Whether rays stand for their squares, not for themselves.
     has_area: bool,
@@ -106,7 +106,7 @@ pub(crate) struct Thinning<'t> {
     pub(crate) behind: f64,
 }
 
-impl Tile {
+impl RayBatch {
     /// Most bytes that a tile takes, for bricks of `shape` with `blocks` blocks.
     pub(crate) fn bytes(shape: BrickShape, blocks: usize, interpolation: Interpolation) -> u64 {
         let of_ray = size_of::<Square>()
@@ -358,8 +358,8 @@ impl Tile {
         let accounts = if self.beams.is_empty() { alone } else { Accounts::Squares(&self.beams) };
         let mut samples = 0;
         if in_packets {
-            let mut film = Rays { states: &mut self.states, errors: &mut self.errors };
-            samples += self.packets.march(passage, light, &self.entering, accounts, &mut film);
+            let mut gathered = Rays { states: &mut self.states, errors: &mut self.errors };
+            samples += self.packets.march(passage, light, &self.entering, accounts, &mut gathered);
         }
         for (n, TileRay { index, ray }) in self.entering.drain(..).enumerate() {
             let state = &mut self.states[index];
@@ -452,5 +452,5 @@ pub(crate) fn beam(frame: &Frame, ray: &LocalRay, half: DVec2, covered: f64) -> 
 }
 
 #[cfg(test)]
-#[path = "tile_tests.rs"]
+#[path = "ray_batch_tests.rs"]
 mod tests;

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::Tile;
+use super::RayBatch;
 use crate::render::camera::pixel_order::BLOCK;
 use crate::render::camera::rays::{PixelRect, TILE_SIDE};
 
@@ -40,7 +40,7 @@ impl Clearness {
     }
 }
 
-impl Tile {
+impl RayBatch {
     /// The rays in `rect`, which lies within the tile, that need more of a brick that none has been
     /// marched through; all that do of a block of pixels that has some in it.
     pub(super) fn open_rays(&mut self, rect: &PixelRect) -> Open {
@@ -99,19 +99,19 @@ mod tests {
                 1..40,
             ),
         ) {
-            let mut tile = Tile::new(0);
+            let mut batch = RayBatch::new(0);
             let rect = PixelRect { lo: [128, 64], hi: [128 + width, 64 + height] };
-            tile.rect = rect;
+            batch.rect = rect;
             let count = rect.count();
-            tile.states.resize_with(count, Default::default);
-            tile.alive.resize(count.div_ceil(64), u64::MAX);
+            batch.states.resize_with(count, Default::default);
+            batch.alive.resize(count.div_ceil(64), u64::MAX);
             if !count.is_multiple_of(64) {
-                *tile.alive.last_mut().unwrap() = (1 << (count % 64)) - 1;
+                *batch.alive.last_mut().unwrap() = (1 << (count % 64)) - 1;
             }
-            tile.served.resize(tile.alive.len(), 0);
-            tile.starts = (0..=count).map(|n| u16::try_from(n).unwrap()).collect();
+            batch.served.resize(batch.alive.len(), 0);
+            batch.starts = (0..=count).map(|n| u16::try_from(n).unwrap()).collect();
             let order = PixelOrder::of(&rect);
-            tile.squares.extend((0..count).map(|number| {
+            batch.squares.extend((0..count).map(|number| {
                 let [x, y] = order.place(number).map(|n| f64::from(n) + 0.5);
                 Square { centre: [x + 128.0, y + 64.0], offset: [0; 2], pixel: 0, halvings: 0 }
             }));
@@ -119,19 +119,19 @@ mod tests {
                 let lo: [u32; 2] = std::array::from_fn(|a| rect.lo[a] + lo[a] % [width, height][a]);
                 let hi = std::array::from_fn(|a| (lo[a] + size[a]).min(rect.hi[a]));
                 let part = PixelRect { lo, hi };
-                let found = tile.open_rays(&part);
-                let rays: Vec<_> = tile.open(part).collect();
+                let found = batch.open_rays(&part);
+                let rays: Vec<_> = batch.open(part).collect();
                 prop_assert!(found.count >= rays.len());
-                let near = tile.strips(&part).flatten();
-                let near = near.filter(|ray| tile.alive[ray / 64] >> (ray % 64) & 1 == 1);
+                let near = batch.strips(&part).flatten();
+                let near = near.filter(|ray| batch.alive[ray / 64] >> (ray % 64) & 1 == 1);
                 prop_assert_eq!(found.count, near.count());
                 for ray in rays {
-                    prop_assert!(tile.states[ray].transmittance <= found.transmittance);
+                    prop_assert!(batch.states[ray].transmittance <= found.transmittance);
                 }
                 let ray = ray % count;
-                tile.states[ray].transmittance *= 0.5;
+                batch.states[ray].transmittance *= 0.5;
                 if ends {
-                    tile.alive[ray / 64] &= !(1 << (ray % 64));
+                    batch.alive[ray / 64] &= !(1 << (ray % 64));
                 }
             }
         }

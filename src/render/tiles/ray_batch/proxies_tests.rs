@@ -80,35 +80,35 @@ proptest! {
         let part = Part { passage: setting.passage, frame, footprint };
         let mut squares = Vec::new();
         grid.first_squares(&WHOLE, &mut squares);
-        let mut tile = Tile::new(0);
-        tile.start(&grid, WHOLE, &squares, false);
+        let mut batch = RayBatch::new(0);
+        batch.start(&grid, WHOLE, &squares, false);
         // The frame's projection is not always the picture's own.
-        for aim in &mut tile.aims {
+        for aim in &mut batch.aims {
             aim.length = frame.ray(aim.plane).length;
         }
         // What rays have met in front of the brick differs from ray to ray.
-        for (n, state) in tile.states.iter_mut().enumerate() {
+        for (n, state) in batch.states.iter_mut().enumerate() {
             state.absorb((n % 7) as f64 / 8.0);
         }
-        let before = tile.states.clone();
+        let before = batch.states.clone();
         let care = Care::Rough;
         let thinning = Thinning { pieces: &exact.all, limit, room: 2.0 * limit, behind: 1.0 };
         let light = &setting.light;
         for _ in 0..times {
-            let open = tile.open_rays(&WHOLE);
+            let open = batch.open_rays(&WHOLE);
             let thinning = Some(thinning);
             let settings = Settings { light, grid: &grid, accounts: true, care, thinning };
-            tile.draw_part(&part, &WHOLE, settings, open);
-            prop_assert!(tile.served.iter().all(|bits| *bits == 0));
+            batch.draw_part(&part, &WHOLE, settings, open);
+            prop_assert!(batch.served.iter().all(|bits| *bits == 0));
         }
-        tile.settle(light);
-        prop_assert!(tile.served.iter().all(|bits| *bits == 0));
-        let rays: Vec<_> = tile.aims.iter().map(|aim| frame.ray_of(aim)).collect();
+        batch.settle(light);
+        prop_assert!(batch.served.iter().all(|bits| *bits == 0));
+        let rays: Vec<_> = batch.aims.iter().map(|aim| frame.ray_of(aim)).collect();
         let longest = LONGEST * f64::from(times);
         let brightest = exact.brightest().min(longest * exact.largest_emission());
         let truths = setting.alone(&rays);
         for (n, truth) in truths.iter().enumerate() {
-            let (state, error, front) = (&tile.states[n], &tile.errors[n], before[n].transmittance);
+            let (state, error, front) = (&batch.states[n], &batch.errors[n], before[n].transmittance);
             let bound = error.shares(state.radiance, state.opacity(), brightest, 0.0).total();
             let through = |times: u32| front * truth.transmittance.powi(times as i32);
             let opacity = 1.0 - through(times);
@@ -140,20 +140,20 @@ fn smooth_bricks_take_few_rays() {
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
     let (part, squares) = zoomed(&grid, &setting, WIDTH);
     let draw = |limit: Option<f64>| {
-        let mut tile = Tile::new(0);
-        tile.start(&grid, WHOLE, &squares, false);
+        let mut batch = RayBatch::new(0);
+        batch.start(&grid, WHOLE, &squares, false);
         let thinning = limit.map(|limit| Thinning {
             pieces: &exact.all,
             limit,
             room: 2.0 * limit,
             behind: 1.0,
         });
-        let open = thinning.map_or(Open::default(), |_| tile.open_rays(&WHOLE));
+        let open = thinning.map_or(Open::default(), |_| batch.open_rays(&WHOLE));
         let (light, care) = (&setting.light, Care::Rough);
         let settings = Settings { light, grid: &grid, accounts: true, care, thinning };
-        let samples = tile.draw_part(&part, &WHOLE, settings, open);
-        tile.settle(light);
-        (samples, tile.states[SIDE as usize + 1].radiance)
+        let samples = batch.draw_part(&part, &WHOLE, settings, open);
+        batch.settle(light);
+        (samples, batch.states[SIDE as usize + 1].radiance)
     };
     let (all, found) = draw(None);
     let (few, lent) = draw(Some(1.0));
@@ -171,22 +171,22 @@ fn what_corners_gather_in_bricks_in_a_row_adds_up() {
     let scene = scene("samples = 1", PICTURE, PICTURE);
     let grid = PixelGrid::new(&view(&scene), scene.render.samples);
     let (part, squares) = zoomed(&grid, &setting, 0.01 * WIDTH);
-    let mut tile = Tile::new(0);
+    let mut batch = RayBatch::new(0);
     let mut draw = |times: i32| {
-        tile.start(&grid, WHOLE, &squares, false);
+        batch.start(&grid, WHOLE, &squares, false);
         let thinning = Some(Thinning { pieces: &exact.all, limit: 1.0, room: 2.0, behind: 1.0 });
         for _ in 0..times {
-            let open = tile.open_rays(&WHOLE);
+            let open = batch.open_rays(&WHOLE);
             let (light, care) = (&setting.light, Care::Rough);
             let settings = Settings { light, grid: &grid, accounts: true, care, thinning };
-            tile.draw_part(&part, &WHOLE, settings, open);
-            assert_eq!(tile.proxies.kept.len(), CORNERS);
-            assert_eq!(tile.states[77], RayState::default());
+            batch.draw_part(&part, &WHOLE, settings, open);
+            assert_eq!(batch.proxies.kept.len(), CORNERS);
+            assert_eq!(batch.states[77], RayState::default());
         }
-        tile.settle(&setting.light);
-        let (state, error) = (tile.states[77], &tile.errors[77]);
+        batch.settle(&setting.light);
+        let (state, error) = (batch.states[77], &batch.errors[77]);
         let bound = error.shares(state.radiance, state.opacity(), 1.0, 0.0).total();
-        (state, bound, tile.aims[77].plane)
+        (state, bound, batch.aims[77].plane)
     };
     let ((one, bound_of_one, plane), (three, bound, _)) = (draw(1), draw(3));
     let truth = setting.alone(&[part.frame.ray(plane)])[0];
