@@ -4,12 +4,14 @@
 #![allow(clippy::unwrap_used)]
 
 mod bricks;
+#[path = "support/random.rs"]
+mod random;
 
-use bricks::random::Random;
 use bricks::sets::Set;
 use bricks::{Node, Scale, Tree};
 use deepfield::render::interpolant::DrawnNeighbours;
 use deepfield::space::Position;
+use random::Random;
 
 /// What the bounds were found to be.
 #[derive(Default)]

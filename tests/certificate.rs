@@ -4,12 +4,14 @@
 //! The truth is the twin's reference, drawn from the source's cells. Where an average over a
 //! pixel has not converged, the reference's own error is allowed on top.
 
+#[path = "support/random.rs"]
+mod random;
 mod twin;
 
 use std::time::{Duration, Instant};
 
 use deepfield::render::Rendered;
-use twin::cameras::Random;
+use random::Random;
 use twin::reference::Reference;
 use twin::reference::area::Effort;
 use twin::scenes::{Trial, random_trial};

@@ -4,6 +4,8 @@
 #![allow(clippy::unwrap_used)]
 
 mod bricks;
+#[path = "support/random.rs"]
+mod random;
 mod twin;
 
 use bricks::sets::Set;

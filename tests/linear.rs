@@ -5,9 +5,10 @@
 #![allow(clippy::unwrap_used)]
 
 mod bricks;
+#[path = "support/random.rs"]
+mod random;
 
 use bricks::Tree;
-use bricks::random::Random;
 use bricks::sets::Set;
 use deepfield::cache::Cache;
 use deepfield::render::{Film, Probe, RenderOptions, render};
@@ -15,6 +16,7 @@ use deepfield::scene::{Interpolation, Scene};
 use deepfield::source::{self, GridBlock};
 use deepfield::space::{Decimal, Domain};
 use deepfield::synth::Recipe;
+use random::Random;
 
 /// The root grid's values, x fastest.
 struct RootGrid {

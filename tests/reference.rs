@@ -1,9 +1,12 @@
 //! The reference of the certificate against analytic integrals and the double-double twin, and
 //! how it converges.
 
+#[path = "support/random.rs"]
+mod random;
 mod twin;
 
-use twin::cameras::{self, Random};
+use random::Random;
+use twin::cameras;
 use twin::dataset::{Dataset, Precision};
 use twin::double_double::DoubleDouble;
 use twin::interpolant::Interpolant;

@@ -1,5 +1,7 @@
 //! The twin against pictures that an independent program made from real outputs.
 
+#[path = "support/random.rs"]
+mod random;
 mod support;
 mod twin;
 

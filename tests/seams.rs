@@ -5,12 +5,13 @@
 #![allow(clippy::unwrap_used)]
 
 mod bricks;
+#[path = "support/random.rs"]
+mod random;
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use bricks::borders::{self, Border, Kind};
-use bricks::random::Random;
 use bricks::sets::Set;
 use bricks::slice::Slice;
 use bricks::{Scale, Tree};
@@ -21,6 +22,7 @@ use deepfield::render::interpolant::DrawnNeighbours;
 use deepfield::scene::Scene;
 use deepfield::space::{Decimal, Position};
 use glam::DVec3;
+use random::Random;
 
 /// Largest jump allowed, relative to the change over one cell beside it.
 const LARGEST: f64 = 1e-5;

@@ -1,12 +1,15 @@
 //! The program's pictures against the twin's, on synthetic and real outputs.
 
+#[path = "support/random.rs"]
+mod random;
 mod support;
 mod twin;
 
 use std::path::{Path, PathBuf};
 
+use random::Random;
 use support::IngestOptions;
-use twin::cameras::{self, Random, View};
+use twin::cameras::{self, View};
 use twin::dataset::{Dataset, Precision};
 use twin::picture::{Difference, Picture};
 use twin::scene::Scene;

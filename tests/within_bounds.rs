@@ -3,6 +3,8 @@
 
 #![allow(clippy::unwrap_used)] // a test's way to fail
 
+#[path = "support/random.rs"]
+mod random;
 mod twin;
 
 use std::path::{Path, PathBuf};

@@ -12,9 +12,12 @@ use deepfield::ingest::{Options, Progress, ingest};
 use deepfield::synth::{Recipe, write};
 use deepfield::{Error, Result, source};
 
+#[path = "../../tests/support/random.rs"]
+mod random;
 mod views;
 
-use views::{Random, SETS, Set, scene};
+use random::Random;
+use views::{SETS, Set, scene};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_deepfield");
 /// Pixels of a picture's edge.
@@ -45,7 +48,7 @@ fn main() -> Result<()> {
         "{:<20}{:>6}{:>9}{:>12}{:>13}{:>11}{:>13}",
         "scene", "rays", "asked", "error", "bound/error", "seconds", "over fixed"
     );
-    let (mut random, mut found) = (Random(SEED), Found::default());
+    let (mut random, mut found) = (Random::new(SEED), Found::default());
     for (n, set) in (0..count).zip(SETS.iter().cycle()) {
         let text = scene(set, SIZE, &mut random)?;
         found.measure(&format!("{}-{n}", set.name), &caches[set.name], &text, folder.path())?;

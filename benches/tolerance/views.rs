@@ -5,6 +5,8 @@ use deepfield::Result;
 use deepfield::space::{Decimal, Domain};
 use deepfield::synth::{DensityModel, Recipe};
 
+use super::random::Random;
+
 /// Decimal places of written positions, and what one is in units of the last.
 const PLACES: usize = 30;
 const ONE: f64 = 1e30;
@@ -51,37 +53,6 @@ pub(crate) const SETS: [Set; 7] = [
     set!("depth25", CORE, 0.042, 25),
     set!("depth48", CORE, 0.042, 48),
 ];
-
-/// A seeded generator (SplitMix64).
-#[derive(Debug)]
-pub(crate) struct Random(pub(crate) u64);
-
-impl Random {
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        mixed ^ (mixed >> 31)
-    }
-
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * (self.bits() >> 11) as f64 * (-53_f64).exp2()
-    }
-
-    fn one_in(&mut self, n: u64) -> bool {
-        self.bits().is_multiple_of(n)
-    }
-
-    fn direction(&mut self) -> [f64; 3] {
-        loop {
-            let v = [0; 3].map(|_| self.between(-1.0, 1.0));
-            let square: f64 = v.iter().map(|x| x * x).sum();
-            if (0.01..=1.0).contains(&square) {
-                return v.map(|x| x / square.sqrt());
-            }
-        }
-    }
-}
 
 /// A scene of `set`, `size` pixels wide and high.
 pub(crate) fn scene(set: &Set, size: u32, random: &mut Random) -> Result<String> {

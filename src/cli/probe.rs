@@ -12,7 +12,7 @@ use super::verify::WINDOWS;
 use crate::cache::Cache;
 use crate::render::Probe;
 use crate::scene::Interpolation;
-use crate::space::Decimal;
+use crate::space::{AXES, Decimal};
 use crate::{Error, Result};
 
 #[derive(Debug, Args)]
@@ -99,7 +99,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 
 fn check_title(arguments: &Arguments, reader: &mut csv::Reader<ShortLines>) -> Result<()> {
     let title = reader.headers().map_err(|error| unreadable(arguments, &error))?;
-    if title.iter().eq(["x", "y", "z"]) {
+    if title.iter().eq(AXES) {
         return Ok(());
     }
     Err(wrong(arguments, "the first line must be `x,y,z`"))

@@ -9,7 +9,7 @@ use flate2::write::ZlibEncoder;
 /// has it: bytes of even places before those of odd ones, each as its difference from the one
 /// before, deflated. Where that makes no less of them they stay as they are.
 ///
-/// Pictures are mostly bits that nothing can foretell, so the fastest deflate makes files that are a
+/// Pictures are mostly bits that nothing can predict, so the fastest deflate makes files that are a
 /// twentieth larger than the format's usual ones, in a quarter of the time.
 ///
 /// # Errors

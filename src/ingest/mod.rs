@@ -34,7 +34,7 @@ use std::path::Path;
 use crate::atomic_file::AtomicFile;
 use crate::cache::{BrickShape, CachedField, Header, MAX_FIELDS, TreeLevel};
 use crate::source::{Hierarchy, Source, SourceField, has_covered_cells};
-use crate::space::{Decimal, Domain, FRACTION_BITS, IndexBox, MAX_OCTREE_LEVEL};
+use crate::space::{AXES, Decimal, Domain, FRACTION_BITS, IndexBox, MAX_OCTREE_LEVEL};
 use crate::spelling::{nearest_first, position};
 use crate::{Error, Result};
 
@@ -322,7 +322,7 @@ fn region(corners: &[[Decimal; 3]; 2], domain: &Domain) -> Result<IndexBox> {
     let [lo, hi] = [domain.position(&corners[0])?, domain.position(&corners[1])?];
     let shift = FRACTION_BITS - MAX_OCTREE_LEVEL;
     if let Some(a) = (0..3).find(|&a| lo.0[a] >= hi.0[a]) {
-        let axis = ["x", "y", "z"][a];
+        let axis = AXES[a];
         return Err(Error::request(format!(
             "--region: the box has no extent along {axis}: give its lower corner, then its upper one"
         )));

@@ -116,9 +116,9 @@ impl<'l, L: Loader> Pool<'l, L> {
         absent
     }
 
-    /// Loads the brick ahead of its use, unless it is there already, who asked for it did not wait and no
-    /// turn to come needs it, or only slots are free that others will need sooner. It is not pinned, but
-    /// kept longer than bricks already used.
+    /// Loads the brick ahead of its use. Does nothing if the pool holds it, if who asked for it did not
+    /// wait and no turn to come needs it, or if every free slot holds a brick that others will need
+    /// sooner. The brick is not pinned, but kept longer than bricks already used.
     ///
     /// # Errors
     /// What the loader says. Who then asks for the brick gets the error again.

@@ -1,14 +1,12 @@
 //! Corners of grids on the integer lattice of their level.
 
 use crate::Result;
-use crate::space::{Decimal, Domain};
+use crate::space::{AXES, Decimal, Domain};
 
 /// Largest distance of a corner from the lattice, and largest error of a printed one, in cells of
 /// the grid's level. Doubles have two units in the last place to a cell at level 47 of a 16³
 /// root grid, so a quarter is what they still tell apart.
 pub(super) const LARGEST_DEVIATION: f64 = 0.25;
-/// Names of the axes.
-pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// The lattice point of `level`, which is octree level `octree`, that is nearest to a corner. `what`
 /// names the corner's coordinates in messages, where `shown` stands for them.

@@ -8,7 +8,7 @@ use num_integer::Integer;
 use num_traits::{Signed, ToPrimitive};
 
 use super::twofold::Twofold;
-use super::{Decimal, FRACTION_BITS};
+use super::{AXES, Decimal, FRACTION_BITS};
 use crate::{Error, Result};
 
 /// Most root cells along an axis.
@@ -38,7 +38,7 @@ impl Domain {
     /// [`MAX_ROOT_CELLS`] along an axis, and root cells whose width is not within 1e-100 to 1e100.
     pub fn new(left: [f64; 3], right: [f64; 3], root_cells: [u64; 3]) -> Result<Self> {
         for a in 0..3 {
-            let axis = ["x", "y", "z"][a];
+            let axis = AXES[a];
             let width = right[a] - left[a];
             if !(left[a].is_finite() && right[a].is_finite() && width.is_finite() && width > 0.0) {
                 return Err(Error::request(format!(
@@ -133,7 +133,7 @@ impl Domain {
             return Err(Error::request(format!(
                 "a position lies more than 2^{POSITION_RANGE_BITS} root cells from the domain \
                  along {}: move it closer",
-                ["x", "y", "z"][axis]
+                AXES[axis]
             )));
         }
         units.to_i128().ok_or_else(|| Error::request("a position is out of range"))

@@ -12,6 +12,9 @@ pub use domain::{Domain, MAX_ROOT_CELLS, Position};
 pub use levels::{Levels, cells_at};
 pub(crate) use twofold::Twofold;
 
+/// Names of the axes.
+pub(crate) const AXES: [&str; 3] = ["x", "y", "z"];
+
 /// Fraction bits of a [`Position`]: one unit is 2⁻⁹⁶ of a root cell's width.
 pub const FRACTION_BITS: u32 = 96;
 

@@ -1,12 +1,12 @@
 //! Borders of levels: where they lie, and how far the interpolant jumps across them.
 
+use crate::random::Random;
 use std::collections::BTreeMap;
 
 use deepfield::cache::state;
 use deepfield::render::cut::FootprintCut;
 use deepfield::space::{FRACTION_BITS, Position};
 
-use super::random::Random;
 use super::{Node, Tree};
 
 /// Borders kept of each kind at each level.

@@ -4,7 +4,6 @@
 #![allow(dead_code)]
 
 pub(crate) mod borders;
-pub(crate) mod random;
 pub(crate) mod sets;
 pub(crate) mod slice;
 pub(crate) mod unblended;

@@ -45,23 +45,23 @@ impl Payload {
         self.coded.iter().zip(&self.states).map(value).collect()
     }
 
-    /// Calls `visit` with `numbers` of cells, a cell, and what those before it in its block foretell.
+    /// Calls `visit` with `numbers` of cells, a cell, and what the preceding ones of its block predict.
     fn each(&self, numbers: &mut [u32], mut visit: impl FnMut(&mut u32, usize, u32)) {
         let mut start = 0;
         for &side in &self.sides {
             for at in 0..side.pow(3) {
                 let cell = [at % side, at / side % side, at / side / side];
-                let mut foretold = 0u32;
+                let mut predicted = 0u32;
                 for corner in 1..8usize {
                     let back = [0, 1, 2].map(|axis| corner >> axis & 1);
                     if (0..3).all(|axis| back[axis] <= cell[axis]) {
                         let behind = back[0] + side * (back[1] + side * back[2]);
                         let number = numbers[start + at - behind];
                         let sign = if corner.count_ones() % 2 == 1 { 1 } else { u32::MAX };
-                        foretold = foretold.wrapping_add(number.wrapping_mul(sign));
+                        predicted = predicted.wrapping_add(number.wrapping_mul(sign));
                     }
                 }
-                visit(&mut numbers[start + at], start + at, foretold);
+                visit(&mut numbers[start + at], start + at, predicted);
             }
             start += side.pow(3);
         }
@@ -81,9 +81,9 @@ impl Payload {
             _ => u32::from(raw[cell / 2]) >> (4 * (cell % 2)),
         };
         let mut numbers = vec![0; cells];
-        self.each(&mut numbers, |number, cell, foretold| {
-            let foretold = if part == 3 { 0 } else { foretold };
-            *number = difference(cell).wrapping_add(foretold) & ((1 << bits) - 1);
+        self.each(&mut numbers, |number, cell, predicted| {
+            let predicted = if part == 3 { 0 } else { predicted };
+            *number = difference(cell).wrapping_add(predicted) & ((1 << bits) - 1);
         });
         for (coded, number) in self.coded.iter_mut().zip(numbers) {
             *coded |= number << lowest;
@@ -102,8 +102,8 @@ impl Payload {
                 3 => return digits.iter().map(|digit| *digit as u8).collect(),
                 _ => vec![0; cells.div_ceil(2)],
             };
-            self.each(&mut digits.clone(), |digit, cell, foretold| {
-                let difference = digit.wrapping_sub(foretold);
+            self.each(&mut digits.clone(), |digit, cell, predicted| {
+                let difference = digit.wrapping_sub(predicted);
                 if part == 0 {
                     let difference = i32::from(difference as i16);
                     let folded = if difference < 0 { 2 * !difference + 1 } else { 2 * difference };

@@ -3,45 +3,10 @@
 use super::dataset::Dataset;
 use super::double_double::DoubleDouble;
 use super::exact::{self, Rational};
+use crate::random::Random;
 
 /// Decimal places of written positions: far below the deepest cell.
 const DIGITS: usize = 70;
-
-/// A seeded generator (SplitMix64).
-pub(crate) struct Random(u64);
-
-impl Random {
-    pub(crate) fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        mixed ^ (mixed >> 31)
-    }
-
-    /// Evenly spread over `low … high`.
-    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * (self.bits() >> 11) as f64 * (-53_f64).exp2()
-    }
-
-    pub(crate) fn pick(&mut self, count: usize) -> usize {
-        (self.bits() % count.max(1) as u64) as usize
-    }
-
-    /// A direction, evenly spread.
-    pub(crate) fn direction(&mut self) -> [f64; 3] {
-        loop {
-            let v = [0; 3].map(|_| self.between(-1.0, 1.0));
-            let square: f64 = v.iter().map(|x| x * x).sum();
-            if (0.01..=1.0).contains(&square) {
-                return v.map(|x| x / square.sqrt());
-            }
-        }
-    }
-}
 
 /// A scene before it is written down.
 #[derive(Debug, Clone)]

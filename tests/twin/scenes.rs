@@ -1,8 +1,9 @@
 //! Scenes at random that try a certificate: all kinds of cameras, media, tolerances and samples.
 
-use super::cameras::{Random, View, away, cell_width, domain_size, random_target, typical_value};
+use super::cameras::{View, away, cell_width, domain_size, random_target, typical_value};
 use super::dataset::Dataset;
 use super::exact::Rational;
+use crate::random::Random;
 
 /// A scene and what it is an example of.
 #[derive(Debug, Clone)]

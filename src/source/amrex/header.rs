@@ -3,10 +3,9 @@
 use std::path::Path;
 
 use super::text::{PrintedBox, numbers, stays_inside};
-use crate::source::lattice::AXES;
 use crate::source::lines::{Lines, printing_error, shown};
 use crate::source::names::tell_apart;
-use crate::space::{Domain, IndexBox, Levels, MAX_OCTREE_LEVEL};
+use crate::space::{AXES, Domain, IndexBox, Levels, MAX_OCTREE_LEVEL};
 use crate::{Error, Result};
 
 /// Most components accepted.

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use crate::source::lines::{Lines, printing_error, shown};
 use crate::source::open_file::OpenFile;
 use crate::source::raw::{Number, RawArray};
-use crate::space::{Decimal, MAX_OCTREE_LEVEL};
+use crate::space::{AXES, Decimal, MAX_OCTREE_LEVEL};
 use crate::{Error, Result};
 
 /// Digits that Athena prints of a coordinate (`%e`).
@@ -221,7 +221,6 @@ pub(super) struct Variable {
 impl Variable {
     /// Names of the fields that the variable's numbers are.
     pub(super) fn fields(&self) -> Vec<String> {
-        const AXES: [&str; 3] = ["x", "y", "z"];
         let named = |part: &str| format!("{}_{part}", self.name);
         match self.array.per_cell {
             1 => vec![self.name.clone()],

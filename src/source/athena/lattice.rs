@@ -3,8 +3,8 @@
 use super::header::{Header, PRINTED_DIGITS, Printed};
 use crate::Result;
 use crate::source::GridRecord;
-use crate::source::lattice::{AXES, LARGEST_DEVIATION, nearest_corner};
-use crate::space::{Domain, IndexBox};
+use crate::source::lattice::{LARGEST_DEVIATION, nearest_corner};
+use crate::space::{AXES, Domain, IndexBox};
 
 /// Athena refines by this everywhere.
 pub(super) const FACTOR: u32 = 2;

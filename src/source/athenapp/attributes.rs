@@ -9,7 +9,7 @@ use crate::{Error, Result};
 /// Coordinates whose cells are boxes along the axes: those of flat space, and of flat space-time,
 /// as codes of general relativity call them.
 const CARTESIAN: [&str; 2] = ["cartesian", "minkowski"];
-const AXES: [&str; 3] = ["x1", "x2", "x3"];
+const COORDINATES: [&str; 3] = ["x1", "x2", "x3"];
 
 /// The attributes of the file's root group.
 pub(super) struct Attributes<'f> {
@@ -39,7 +39,7 @@ impl<'f> Attributes<'f> {
         }
         let (root, block) = (self.root_grid_size()?, self.stored_block_size()?);
         for axis in 0..3 {
-            let name = AXES[axis];
+            let name = COORDINATES[axis];
             if root[axis] == 1 {
                 return refuse(format!(
                     "one cell along {name}: only three-dimensional runs can be read"

@@ -4,8 +4,8 @@ use super::listing::{Edge, ListedGrid};
 use super::parameters::Parameters;
 use crate::Result;
 use crate::source::GridRecord;
-use crate::source::lattice::{AXES, LARGEST_DEVIATION, nearest_corner};
-use crate::space::{IndexBox, Levels};
+use crate::source::lattice::{LARGEST_DEVIATION, nearest_corner};
+use crate::space::{AXES, IndexBox, Levels};
 
 /// The level of `grid`: stated, or from the width of its cells.
 ///

@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::source::lines::printing_error;
-use crate::space::Decimal;
+use crate::space::{AXES, Decimal};
 
 /// Digits that Enzo prints of an edge (`%.14g`), unless it computes with positions of 128 bits.
 pub(super) const PRINTED_DIGITS: i32 = 14;
@@ -114,9 +114,7 @@ impl ListedGrid {
                 .ok_or_else(|| {
                     format!(
                         "GridStartIndex {} and GridEndIndex {} along {} make no grid",
-                        self.start[a],
-                        self.end[a],
-                        ["x", "y", "z"][a]
+                        self.start[a], self.end[a], AXES[a]
                     )
                 })?;
         }

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::header::Header;
 use super::tree::Tree;
 use crate::source::hdf5::File;
-use crate::space::Domain;
+use crate::space::{AXES, Domain};
 use crate::{Error, Result};
 
 /// Blocks whose boxes are read at a time.
@@ -87,7 +87,7 @@ impl<'a> Boxes<'a> {
                 return Err(Refusal::Misfit(format!(
                     "has no parent, but its left edge {} along {} is none of the {} root blocks'",
                     edges[2 * axis],
-                    ["x", "y", "z"][axis],
+                    AXES[axis],
                     self.root_blocks[axis]
                 )));
             }
@@ -118,7 +118,7 @@ impl<'a> Boxes<'a> {
                     return Err(Refusal::Misfit(format!(
                         "its bounding box has the edge {found} along {}, by gid it should be \
                          {expected}",
-                        ["x", "y", "z"][axis]
+                        AXES[axis]
                     )));
                 }
             }

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::{data_file, particles};
 use crate::Result;
+use crate::space::AXES;
 use crate::synth::grids::{Grid, Grids};
 use crate::synth::hdf5::{save, stored_type};
 use crate::synth::noise::hash;
@@ -118,7 +119,7 @@ fn add_particles(group: &mut GroupBuilder, grids: &Grids, grid: &Grid, count: u3
     group.create_dataset("particle_index").with_i64_data(&numbers);
     group.create_dataset("particle_mass").with_f64_data(&vec![1.0; count as usize]);
     group.create_dataset("particle_type").with_i8_data(&vec![1; count as usize]);
-    for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+    for (axis, name) in AXES.into_iter().enumerate() {
         let place = |n: &i64| {
             let fraction = hash(&[*n as u64, axis as u64]) as f64 * (-64f64).exp2();
             left[axis] + (right[axis] - left[axis]) * fraction

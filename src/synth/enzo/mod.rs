@@ -11,6 +11,7 @@ use super::grids::{Grid, Grids, Step};
 use super::output::OutputFolder;
 use super::recipe::{DEFAULT_HDF5_HIERARCHY_GRIDS, MAX_HDF5_HIERARCHY_GRIDS, Recipe};
 use super::{Layout, Summary};
+use crate::space::AXES;
 use crate::{Error, Result};
 use data::DataFiles;
 use hierarchy::HierarchyText;
@@ -95,9 +96,7 @@ fn check_edges(grids: &Grids, grid: &Grid) -> Result<()> {
             return Err(Error::request(format!(
                 "refinement: cells of level {} are too small for double-precision edges at {} \
                  along {}: refine less or closer to 0",
-                grid.level,
-                left[axis],
-                ["x", "y", "z"][axis]
+                grid.level, left[axis], AXES[axis]
             )));
         }
     }
