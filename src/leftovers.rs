@@ -85,13 +85,16 @@ impl ScratchFolder {
 /// that are near.
 const ENDING: [i32; 7] = [SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGXCPU];
 
-/// From now on signals that ask the process to end first remove what is noted and run `last`, and a
-/// file that grows beyond the system's limit (`ulimit -f`) is an error of writing, not the process' end.
+/// From now on signals that ask the process to end first run `before`, remove what is noted and run
+/// `last`, and a file that grows beyond the system's limit (`ulimit -f`) is an error of writing, not the process' end.
 /// Signals that the process was started to ignore stay ignored, as `nohup` relies on.
 ///
 /// # Errors
 /// The system's.
-pub(crate) fn clear_on_signals(last: impl Fn() + Send + 'static) -> io::Result<()> {
+pub(crate) fn clear_on_signals(
+    before: impl Fn() + Send + 'static,
+    last: impl Fn() + Send + 'static,
+) -> io::Result<()> {
     let ignored = ignored_signals()?;
     let is_heard = |signal: &i32| (ignored >> (signal - 1)) & 1 == 0;
     if is_heard(&SIGXFSZ) {
@@ -101,6 +104,7 @@ pub(crate) fn clear_on_signals(last: impl Fn() + Send + 'static) -> io::Result<(
     let mut signals = Signals::new(ENDING.iter().filter(|signal| is_heard(signal)))?;
     let wait = move || {
         for signal in &mut signals {
+            before();
             // Kept locked: nothing new may begin.
             let noted = noted();
             noted.iter().for_each(|path| remove(path));

@@ -102,6 +102,25 @@ fn a_signal_leaves_nothing_and_ends_as_signals_do() {
 }
 
 #[test]
+fn a_signal_ends_the_commands_that_a_demo_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    let target = folder.path().join("demo");
+    let simulation = target.join("simulation");
+    let mut demo = start(&[&"demo", &target]);
+    while !simulation.exists() || names(&simulation).is_empty() {
+        assert!(demo.try_wait().unwrap().is_none(), "the demo ended before it wrote anything");
+    }
+    let kill = Command::new("kill").args(["-s", "TERM", &demo.id().to_string()]).output();
+    kill.unwrap();
+    assert_eq!(demo.wait().unwrap().signal(), Some(15));
+    // The command clears up for itself, which may take it a moment longer.
+    let told = Instant::now();
+    while !names(&simulation).is_empty() {
+        assert!(told.elapsed().as_secs() < 20, "{:?} is left", names(&simulation));
+    }
+}
+
+#[test]
 fn signals_that_are_ignored_stay_so_and_files_too_large_are_told() {
     let (folder, source) = data("jumps");
     let cache = folder.path().join("cache.dfc");

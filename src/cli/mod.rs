@@ -68,7 +68,7 @@ pub fn run() -> ExitCode {
         eprintln!("error: internal fault at {place}: please report it with the command you ran");
     }));
     // Where signals cannot be heard they end the process at once; the next run clears up.
-    let _ = leftovers::clear_on_signals(progress::clear);
+    let _ = leftovers::clear_on_signals(itself::end_all, progress::clear);
     let outcome = panic::catch_unwind(|| match &arguments.command {
         Command::Demo(arguments) => demo::run(arguments),
         Command::Ingest(arguments) => ingest::run(arguments),

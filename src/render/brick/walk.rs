@@ -62,6 +62,11 @@ pub(crate) struct Step {
     pub(crate) to: f64,
 }
 
+/// Rounding of a place on a ray, relative to what it is the sum of.
+const PLACE_ROUNDING: f64 = 4.0 * f64::EPSILON;
+/// Along an axis with hardly any motion rounding reaches farther; no more than this of it is passed over.
+const MOST_REACH: f64 = 64.0;
+
 /// Walks the cells [n, n + 1) of a grid, each σ computed anew from the plane's own position, so
 /// that nothing drifts.
 pub(crate) struct Walk {
@@ -112,7 +117,26 @@ impl Walk {
                 walk.next[a] = walk.plane(a);
             }
         }
+        if from - ray.sigma_min <= PLACE_ROUNDING * MOST_REACH * (1.0 + from.abs()) {
+            walk.leave_planes_behind();
+        }
         walk
+    }
+
+    /// A ray that begins in a plane, to rounding, begins in the cell in front of the eye: where it is black
+    /// there, nothing of what lies behind the eye may show.
+    fn leave_planes_behind(&mut self) {
+        for a in 0..3 {
+            let reach = (self.origin[a].abs() + 1.0) * self.inverse[a].abs() + self.from.abs();
+            let rounding = PLACE_ROUNDING * reach.min(MOST_REACH * (1.0 + self.from.abs()));
+            let is_behind = self.next[a] - self.from <= rounding;
+            if is_behind && self.cell[a] != self.last[a] {
+                self.cell[a] += self.sign[a];
+                self.next[a] = self.plane(a);
+            } else if is_behind {
+                self.from = self.to;
+            }
+        }
     }
 
     #[inline]
@@ -147,5 +171,58 @@ impl Walk {
             }
         }
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Cells along the grid's edge.
+    const EDGE: i32 = 8;
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 2000, ..ProptestConfig::default() })]
+
+        /// Whatever rounding makes of the eye's place, which rays tell by their own origins, and of the
+        /// length ahead of it.
+        #[test]
+        fn a_ray_from_a_plane_begins_in_front_of_the_eye(
+            (axis, plane) in (0..3_usize, 0..=EDGE),
+            aside in prop::array::uniform3(0.01..7.99_f64),
+            towards in prop::array::uniform3(prop_oneof![-1.0..-0.01_f64, 0.01..1.0_f64]),
+            depth in prop_oneof![1 => Just(0.0), 4 => 0.0..30.0_f64],
+        ) {
+            let direction = DVec3::from(towards);
+            let mut eye = DVec3::from(aside);
+            eye[axis] = f64::from(plane);
+            // Only along the axis the eye lies in a plane.
+            prop_assume!((0..3).all(|a| a == axis || (eye[a] - eye[a].round()).abs() > 1e-6));
+            let ray = LocalRay {
+                origin: eye + direction * depth,
+                direction,
+                length: direction.length(),
+                sigma_min: -depth,
+            };
+            let whole = clip(&ray, [0.0; 3], [f64::from(EDGE); 3]);
+            let first = if direction[axis] > 0.0 { plane } else { plane - 1 };
+            let steps: Vec<Step> = whole
+                .map(|span| Walk::new(&ray, span, 0.0, [0; 3], [EDGE - 1; 3]))
+                .map(|mut walk| std::iter::from_fn(|| walk.next()).collect())
+                .unwrap_or_default();
+            if !(0..EDGE).contains(&first) {
+                prop_assert!(steps.is_empty(), "{:?}", steps);
+                return Ok(());
+            }
+            prop_assert_eq!(steps[0].cell[axis], first);
+            prop_assert!((steps[0].from + depth).abs() < 1e-12);
+            for pair in steps.windows(2) {
+                prop_assert_eq!(pair[0].to, pair[1].from);
+            }
+            prop_assert_eq!(steps[steps.len() - 1].to, whole.unwrap().1);
+        }
     }
 }
