@@ -253,6 +253,28 @@ fn an_unreadable_record_is_reported_where_it_is() {
     assert_eq!(others.count(), 0, "{reasons:?}");
 }
 
+/// Beside coarser bricks such a payload would be drawn with a seam.
+#[test]
+fn a_payload_without_its_ancestors_is_reported() {
+    let _alone = ALONE.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let folder = tempfile::tempdir().unwrap();
+    let options = Options { brick: Some(8), threads: Some(2), ..Options::default() };
+    let Stock { sound: Sound { bytes, anatomy }, .. } =
+        Stock::new("alone", "small", &options, folder.path());
+    let stored = |node: &usize| !anatomy.stored(&bytes, *node, 0)[0].is_empty();
+    let alone = |node: usize| Some((node, anatomy.payload(&bytes, node, 0).alone()?));
+    let (node, alone) = (1..anatomy.nodes).filter(stored).find_map(alone).unwrap();
+    let parts = alone.compressed();
+    let put = (parts.each_ref().map(Vec::as_slice), alone.rounding_errors());
+    let mut forged = anatomy.with_payload(&bytes, (node, 0), put);
+    Anatomy::read(&forged).forget_parents(&mut forged, node, 0);
+    let path = folder.path().join("forged.dfc");
+    std::fs::write(&path, forged).unwrap();
+    let report = verify(&Cache::open(&path, 16).unwrap(), &mut |_, _| {}).unwrap();
+    let reasons: Vec<_> = report.listed.iter().map(|damage| damage.reason.as_str()).collect();
+    assert!(reasons.len() == 1 && reasons[0].contains("ancestors' blocks"), "{reasons:?}");
+}
+
 #[test]
 fn damaged_caches_are_refused() {
     attack(300);

@@ -34,6 +34,14 @@ impl Payload {
         self.coded[at] = [0x80, 0x800, 0x8000].into_iter().fold(value.to_bits(), carry);
     }
 
+    /// The same without any ancestor's block, if the brick's own has no holes.
+    pub(crate) fn alone(&self) -> Option<Self> {
+        let cells = self.sides[0].pow(3);
+        let (states, coded) = (self.states[..cells].to_vec(), self.coded[..cells].to_vec());
+        let is_whole = self.sides.len() > 1 && states.iter().all(|state| *state != 0);
+        is_whole.then(|| Self { sides: self.sides[..1].to_vec(), states, coded })
+    }
+
     /// Values of all cells in the digits of the first `parts` parts; 0 where there is none.
     pub(crate) fn values(&self, parts: usize) -> Vec<f32> {
         let uncarry = |bits: u32, middle: u32| bits.wrapping_sub((bits & middle) << 1);
@@ -202,6 +210,12 @@ impl Anatomy {
             payload.join(part, &decompress(parts[part]));
         }
         payload
+    }
+
+    /// Says in a brick's record that its payload has no ancestor's block.
+    pub(crate) fn forget_parents(&self, bytes: &mut [u8], node: usize, field: usize) {
+        bytes[self.payload_record(node, field) + BLOCKS] = 0;
+        self.seal(bytes);
     }
 
     /// The same cache with another payload: everything behind its parts moves, and all offsets and
