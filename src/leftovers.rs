@@ -86,8 +86,8 @@ impl ScratchFolder {
 const ENDING: [i32; 7] = [SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGXCPU];
 
 /// From now on signals that ask the process to end first run `before`, remove what is noted and run
-/// `last`, and a file that grows beyond the system's limit (`ulimit -f`) is an error of writing, not the process' end.
-/// Signals that the process was started to ignore stay ignored, as `nohup` relies on.
+/// `last`, and a file that grows beyond the system's limit (`ulimit -f`) is an error of writing, not
+/// the process' end. Signals that the process was started to ignore stay ignored, as `nohup` relies on.
 ///
 /// # Errors
 /// The system's.

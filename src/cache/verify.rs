@@ -183,9 +183,13 @@ impl Check<'_> {
             report.payloads += 1;
             report.bytes += record.stored_bytes(Precision::Full);
             if (node == 0) != (record.parent_blocks == 0) {
-                let reason = "stored with ancestors' blocks, which the root lacks and others have";
                 let place = self.cache.path().display();
-                return Err(Error::invalid(place, format!("brick {node} is not {reason}")));
+                let has = if node == 0 {
+                    "ancestors' blocks, though it is the root"
+                } else {
+                    "no ancestors' blocks"
+                };
+                return Err(Error::invalid(place, format!("brick {node} has {has}")));
             }
             let entry = BrickEntry { node, field, node_record, field_record: &record };
             let (decoder, brick) = (&mut self.decoder, &mut self.brick);

@@ -145,15 +145,20 @@ pub(super) fn part_error<L: Lanes, const ABSORBS: bool>(
     let even = l.fma(l.mul(bend.second, bend.second), l.splat(0.0056), odd);
     let smooth = l.mul(curved, l.fma(mean, l.add(width, bend.kink), even));
     let [low, high] = kinks_between(l, brick, [l.sub(middle, half), l.add(middle, half)]);
-    let steps: [L::Float; 3] =
-        [l.sub(high[0], low[0]), l.sub(high[1], low[1]), l.sub(high[2], low[2])];
+    let steps = [l.sub(high[0], low[0]), l.sub(high[1], low[1]), l.sub(high[2], low[2])];
     let [step_share, turn_share] = shares_of_steps(l, rise, bend);
     let stepped = l.fma(steps[0], step_share, l.mul(steps[2], turn_share));
     let emission = l.fma(mean, slope, l.add(smooth, stepped));
-    let seen = PartValues { middle, half, off, rise };
-    let steepest = [slope, fade];
-    let [extinction, most, no_curve, depth] = [l.splat(0.0); 4];
-    let error = PartError { emission, extinction, most, curved: no_curve, depth, seen, steepest };
+    let zero = l.splat(0.0);
+    let error = PartError {
+        emission,
+        extinction: zero,
+        most: zero,
+        curved: zero,
+        depth: zero,
+        seen: PartValues { middle, half, off, rise },
+        steepest: [slope, fade],
+    };
     if !ABSORBS {
         return error;
     }
