@@ -4,6 +4,8 @@
 //! The truth is the twin's reference, drawn from the source's cells. Where an average over a
 //! pixel has not converged, the reference's own error is allowed on top.
 
+#[path = "support/data.rs"]
+mod data;
 #[path = "support/random.rs"]
 mod random;
 mod twin;

@@ -3,19 +3,22 @@
 
 #![allow(clippy::unwrap_used)] // a test's way to fail
 
+#[path = "support/data.rs"]
+mod data;
 #[path = "support/facts.rs"]
 mod facts;
 mod support;
 
 use std::path::{Path, PathBuf};
 
+use data::shared;
 use deepfield::cache::Cache;
 use deepfield::render::Probe;
 use deepfield::scene::Interpolation;
 use deepfield::source;
 use deepfield::space::Decimal;
 use support::program::{run, written};
-use support::{read_exr, shared, synth};
+use support::{read_exr, synth};
 
 /// Points spread over the unit cube without order.
 fn points(count: u32) -> impl Iterator<Item = [f64; 3]> {

@@ -1,6 +1,8 @@
 //! A fly-by of a core that is smaller than a pixel and shines: it is never lost, and no pixel
 //! flickers.
 
+#[path = "support/data.rs"]
+mod data;
 #[path = "support/random.rs"]
 mod random;
 mod twin;

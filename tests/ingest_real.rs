@@ -1,9 +1,9 @@
 //! Ingest of real runs: what the cache's header says against independently computed facts.
 
+#[path = "support/data.rs"]
+mod data;
 #[path = "support/hexadecimal.rs"]
 mod hexadecimal;
-
-use std::path::{Path, PathBuf};
 
 use deepfield::cache::{self, Cache};
 use deepfield::ingest::{Options, Progress, ingest, survey};
@@ -12,15 +12,6 @@ use deepfield::scene::Interpolation;
 use deepfield::source;
 use deepfield::space::Decimal;
 use serde_json::Value;
-
-fn data() -> Option<PathBuf> {
-    let data = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data"));
-    if data.is_dir() {
-        return Some(data.to_path_buf());
-    }
-    eprintln!("skipped: no real data at {}", data.display());
-    None
-}
 
 const SETS: [(&str, &str); 5] = [
     ("enzo_small", "DD0010/DD0010"),
@@ -61,7 +52,7 @@ fn check_samples(cache: &Cache, facts: &Value, set: &str) {
 
 #[test]
 fn caches_of_real_runs_hold_what_the_runs_hold() {
-    let Some(data) = data() else { return };
+    let Some(data) = data::shared("data") else { return };
     let directory = tempfile::tempdir().unwrap();
     for (set, dump) in SETS {
         let facts = std::fs::read_to_string(data.join(set).join("yt_facts.json")).unwrap();

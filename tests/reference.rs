@@ -1,6 +1,8 @@
 //! The reference of the certificate against analytic integrals and the double-double twin, and
 //! how it converges.
 
+#[path = "support/data.rs"]
+mod data;
 #[path = "support/random.rs"]
 mod random;
 mod twin;

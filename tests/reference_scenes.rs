@@ -1,5 +1,7 @@
 //! The twin against pictures that an independent program made from real outputs.
 
+#[path = "support/data.rs"]
+mod data;
 #[path = "support/random.rs"]
 mod random;
 mod support;
@@ -7,7 +9,7 @@ mod twin;
 
 use std::path::Path;
 
-use support::shared;
+use data::shared;
 use twin::dataset::{Dataset, Precision};
 use twin::picture::Picture;
 use twin::scene::Scene;

@@ -5,6 +5,8 @@
 #![allow(clippy::unwrap_used)]
 
 mod bricks;
+#[path = "support/data.rs"]
+mod data;
 #[path = "support/random.rs"]
 mod random;
 

@@ -3,6 +3,8 @@
 
 #![allow(clippy::unwrap_used)] // a test's way to fail
 
+#[path = "support/data.rs"]
+mod data;
 #[path = "support/facts.rs"]
 mod facts;
 #[path = "support/hexadecimal.rs"]
@@ -171,8 +173,7 @@ fn blocks_are_parts_of_the_whole() {
 #[test]
 fn other_kinds_of_data_are_not_taken_for_enzo() {
     for set in ["athena_nested13", "amrex_adv", "flash_sedov"] {
-        let folder = facts::folder(set);
-        if folder.is_dir() {
+        if let Some(folder) = facts::folder(set) {
             let error = source::open(&folder, Some("enzo")).err().unwrap().to_string();
             assert!(error.contains("holds no Enzo dump"), "{error}");
         }

@@ -3,6 +3,8 @@
 
 #![allow(clippy::unwrap_used)] // a test's way to fail
 
+#[path = "support/data.rs"]
+mod data;
 #[path = "support/facts.rs"]
 mod facts;
 
@@ -54,11 +56,8 @@ fn what_the_runs_say_of_themselves() {
 
 #[test]
 fn curved_coordinates_are_refused_by_name() {
-    let path = facts::folder("athena_sph").join("sph.out1.00001.athdf");
-    if !path.is_file() {
-        eprintln!("skipped: {} is not there", path.display());
-        return;
-    }
+    let Some(folder) = facts::folder("athena_sph") else { return };
+    let path = folder.join("sph.out1.00001.athdf");
     for format in [None, Some("athena++"), Some("Athena++")] {
         let error = source::open(&path, format).err().unwrap().to_string();
         assert!(error.contains("sph.out1.00001.athdf"), "{error}");

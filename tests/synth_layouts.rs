@@ -3,6 +3,8 @@
 
 #![allow(clippy::unwrap_used)] // a test's way to fail
 
+#[path = "support/data.rs"]
+mod data;
 #[path = "support/facts.rs"]
 mod facts;
 

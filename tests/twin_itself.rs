@@ -1,5 +1,7 @@
 //! The twin against numbers worked out by hand.
 
+#[path = "support/data.rs"]
+mod data;
 #[path = "support/random.rs"]
 mod random;
 mod twin;

@@ -1,5 +1,7 @@
 //! The program's pictures against the twin's, on synthetic and real outputs.
 
+#[path = "support/data.rs"]
+mod data;
 #[path = "support/random.rs"]
 mod random;
 mod support;
@@ -53,7 +55,7 @@ impl Subject {
     }
 
     fn real(path: &str) -> twin::Result<Option<Self>> {
-        Self::new(path, |_| support::shared(path))
+        Self::new(path, |_| data::shared(path))
     }
 
     fn synthetic(name: &str) -> twin::Result<Option<Self>> {

@@ -3,6 +3,8 @@
 
 #![allow(clippy::unwrap_used)] // a test's way to fail
 
+#[path = "support/data.rs"]
+mod data;
 #[path = "support/random.rs"]
 mod random;
 mod twin;

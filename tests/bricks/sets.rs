@@ -8,6 +8,8 @@ use deepfield::source;
 use deepfield::synth::{self, Recipe};
 use tempfile::TempDir;
 
+use crate::data::shared;
+
 /// A simulation output and a folder for its caches.
 pub(crate) struct Set {
     pub(crate) name: String,
@@ -30,12 +32,7 @@ impl Set {
 
     /// A real output, where it is there.
     pub(crate) fn real(relative: &str) -> Option<Self> {
-        let data = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data"));
-        let input = data.join(relative);
-        if !input.exists() {
-            eprintln!("skipped: {} is not there", input.display());
-            return None;
-        }
+        let input = shared(&format!("data/{relative}"))?;
         Some(Self { name: relative.into(), input, folder: tempfile::tempdir().unwrap() })
     }
 

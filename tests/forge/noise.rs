@@ -1,5 +1,8 @@
 //! Numbers that look random and are the same in every run.
 
+// Each program uses only a part of it.
+#![allow(dead_code)]
+
 /// xorshift (Marsaglia 2003).
 pub(crate) struct Noise(u64);
 

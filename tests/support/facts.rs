@@ -14,19 +14,18 @@ use deepfield::source::{self, GridBlock, GridRecord, Hierarchy, Source};
 use deepfield::space::Decimal;
 use serde_json::Value;
 
-/// Where data set `set` would lie.
-pub(crate) fn folder(set: &str) -> PathBuf {
-    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")).join(set)
+use crate::data::shared;
+
+/// Where data set `set` lies, if it is there.
+pub(crate) fn folder(set: &str) -> Option<PathBuf> {
+    shared(&format!("data/{set}"))
 }
 
 /// What to open of data set `set` (named by the facts' entry `entry`), and the facts; none, said
 /// on stderr, where it is not there.
 pub(crate) fn load(set: &str, entry: &str) -> Option<(PathBuf, Value)> {
-    let folder = folder(set);
-    let Ok(facts) = std::fs::read_to_string(folder.join("yt_facts.json")) else {
-        eprintln!("skipped: {} is not there", folder.display());
-        return None;
-    };
+    let folder = folder(set)?;
+    let facts = std::fs::read_to_string(folder.join("yt_facts.json")).unwrap();
     let facts: Value = serde_json::from_str(&facts).unwrap();
     Some((folder.join(facts[entry].as_str().unwrap()), facts))
 }

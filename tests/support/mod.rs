@@ -19,16 +19,6 @@ pub(crate) struct IngestOptions {
     pub(crate) memory: Option<String>,
 }
 
-/// A file of the data kept beside the repository; says so where it is absent.
-pub(crate) fn shared(relative: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(relative);
-    if path.exists() {
-        return Some(path);
-    }
-    eprintln!("skipped: {} is not there", path.display());
-    None
-}
-
 /// Makes the cache `name` of `input` in `folder`.
 pub(crate) fn ingest(
     input: &Path,

@@ -19,6 +19,7 @@ use super::reference::area::Effort;
 use super::reference::tree::Tree;
 use super::scene::Scene;
 use super::transfer::Scale;
+use crate::data::shared;
 
 /// A turbulent cloud with a core, refined wherever it is dense: clumps at every scale.
 pub(crate) const CLUMPY: &str = r#"
@@ -75,12 +76,7 @@ pub(crate) struct Subject {
 impl Subject {
     /// A real output beside the repository, where it is there.
     pub(crate) fn real(relative: &str) -> Result<Option<Self>> {
-        let data = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared"));
-        let input = data.join(relative);
-        if !input.exists() {
-            eprintln!("skipped: {} is not there", input.display());
-            return Ok(None);
-        }
+        let Some(input) = shared(relative) else { return Ok(None) };
         Self::new(relative, input, folder()?).map(Some)
     }
 
