@@ -23,7 +23,7 @@ pub mod state {
     /// Whether the bits can stand together.
     pub fn is_valid(bits: u8) -> bool {
         let is_special = (bits == OUTSIDE) | (bits == IN_COARSER_VOID);
-        is_special || bits < 8 && (bits == 0 || bits & EXISTS != 0)
+        is_special | (bits < 8) & ((bits == 0) | (bits & EXISTS != 0))
     }
 
     /// Whether the level itself has data here.
@@ -33,8 +33,13 @@ pub mod state {
 
     /// Whether [`is_valid`] holds of all.
     pub fn are_valid(states: &[u8]) -> bool {
-        // Without an end at the first that is not: a whole row of states at a time.
-        !states.iter().fold(false, |found, &bits| found | !is_valid(bits))
+        !any(states, |bits| !is_valid(bits))
+    }
+
+    /// Whether something holds of any.
+    pub fn any(states: &[u8], holds: impl Fn(u8) -> bool) -> bool {
+        // Without an end at the first of which it does: a whole row of states at a time.
+        states.iter().fold(false, |found, &bits| found | holds(bits))
     }
 }
 
@@ -76,7 +81,7 @@ pub struct Inside {
 impl Inside {
     /// Of a cube of `side`³ cells; none where no cell, or every one, is inside.
     pub fn of(side: usize, states: &[u8]) -> Option<Self> {
-        if !states.contains(&state::OUTSIDE) {
+        if !state::any(states, |bits| bits == state::OUTSIDE) {
             return None;
         }
         let (mut first, mut last) = ([side; 3], [0; 3]);

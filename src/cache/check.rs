@@ -26,8 +26,8 @@ pub(super) fn check_brick(
             return Err("a value lies outside the range that the index gives");
         }
     }
-    let complete = |bits: &u8| bits & (state::EXISTS | state::OUTSIDE) != 0;
-    if !brick.blocks.last().is_some_and(|block| block.states.iter().all(complete)) {
+    let is_hole = |bits| bits & (state::EXISTS | state::OUTSIDE) == 0;
+    if brick.blocks.last().is_none_or(|block| state::any(&block.states, is_hole)) {
         return Err("its last block has holes");
     }
     check_cells(edge, node, brick)
@@ -80,7 +80,7 @@ pub(super) fn marks_outside(header: &Header, place: &BrickPlace, brick: &RawBric
 fn block_marks_outside(block: &Block, inside: [[i128; 2]; 3]) -> bool {
     let side = block.side as i128;
     if inside.iter().all(|[first, end]| *first <= 0 && side <= *end) {
-        return !block.states.contains(&state::OUTSIDE);
+        return !state::any(&block.states, |bits| bits == state::OUTSIDE);
     }
     let within = |a: usize, i: usize| (inside[a][0]..inside[a][1]).contains(&(i as i128));
     (0..block.side).all(|z| {

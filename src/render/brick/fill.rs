@@ -2,7 +2,7 @@
 //! domain.
 
 use super::blocks::ScaledBlock;
-use crate::cache::visit_outside;
+use crate::cache::{state, visit_outside};
 
 /// The next coarser block.
 pub(super) struct CoarserBlock<'a> {
@@ -29,7 +29,7 @@ fn parents(side: usize, first: i128, above_first: i128, above_side: usize) -> Ve
 /// Fills cells of state 0 in `block`, whose first cell has index `first`: along each axis ¾ of
 /// the parent and ¼ of its neighbour on the cell's side.
 pub(super) fn fill_holes(block: &mut ScaledBlock, first: [i128; 3], above: &CoarserBlock<'_>) {
-    if !block.states.contains(&0) {
+    if !state::any(&block.states, |bits| bits == 0) {
         return;
     }
     let side = block.side;

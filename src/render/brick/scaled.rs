@@ -289,7 +289,7 @@ impl ScaledBrick {
     fn mark_holes(&mut self, raw: &[Block]) {
         let (edge, bits) = (self.edge, self.edge_bits);
         let block = &mut self.blocks[0];
-        if !block.states.contains(&0) {
+        if !state::any(&block.states, |bits| bits == 0) {
             return;
         }
         for z in 0..edge {
@@ -310,7 +310,7 @@ impl ScaledBrick {
     /// ray leaves the domain, rounding may place it in either.
     fn mark_outside(&mut self) {
         let ScaledBlock { side, states, .. } = &mut self.blocks[0];
-        if !states.iter().any(|bits| bits & state::VOID != 0) {
+        if !state::any(states, |bits| bits & state::VOID != 0) {
             return;
         }
         let Some(inside) = Inside::of(*side, states) else { return };
@@ -323,8 +323,8 @@ impl ScaledBrick {
 
     fn mark_duals(&mut self) {
         let block = &self.blocks[0];
-        let is_plain = |bits: &u8| bits & EXISTING != 0 && bits & state::VOID == 0;
-        if block.states.iter().all(is_plain) {
+        let is_plain = |bits| (bits & EXISTING != 0) & (bits & state::VOID == 0);
+        if !state::any(&block.states, |bits| !is_plain(bits)) {
             return;
         }
         const PLAIN: u8 = 1;
@@ -391,7 +391,7 @@ fn check(raw: &RawBrick, place: &BrickPlace, shape: BrickShape) -> Result<()> {
     }
     match raw.blocks.last() {
         None => wrong("it has no values"),
-        Some(last) if last.states.contains(&0) => {
+        Some(last) if state::any(&last.states, |bits| bits == 0) => {
             wrong("cells without data have no ancestor that holds them")
         }
         Some(_) => Ok(()),

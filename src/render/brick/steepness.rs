@@ -163,8 +163,8 @@ impl Surveyor {
             GroupSteepness { steepness, has_void, holds_averages }
         };
         self.of_groups.extend(self.of_block.iter().map(plain));
-        let is_leaf = |bits: &u8| *bits == state::EXISTS || *bits == state::OUTSIDE;
-        if brick.blocks[0].states.iter().fold(true, |all, bits| all & is_leaf(bits)) {
+        let is_leaf = |bits| (bits == state::EXISTS) | (bits == state::OUTSIDE);
+        if !state::any(&brick.blocks[0].states, |bits| !is_leaf(bits)) {
             return;
         }
         self.mark(brick);
