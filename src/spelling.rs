@@ -20,14 +20,19 @@ pub(crate) fn nearest_first<'k>(
     words
 }
 
-/// Which of `known` is `word`: as it stands, else without regard to case.
+/// Which of `known` is `word`: as it stands, else the only one that it is without regard to case.
 pub(crate) fn position<'k>(
     word: &str,
     known: impl IntoIterator<Item = &'k str, IntoIter: Clone>,
 ) -> Option<usize> {
     let known = known.into_iter();
     let exact = known.clone().position(|candidate| candidate == word);
-    exact.or_else(|| known.clone().position(|candidate| candidate.eq_ignore_ascii_case(word)))
+    exact.or_else(|| {
+        let mut alike =
+            known.enumerate().filter(|(_, candidate)| candidate.eq_ignore_ascii_case(word));
+        let (first, _) = alike.next()?;
+        alike.next().is_none().then_some(first)
+    })
 }
 
 /// Edit distance that counts insertions, deletions, replacements and swaps of neighbours, without
@@ -87,5 +92,6 @@ mod tests {
         assert_eq!(position("b", ["a", "B", "b"]), Some(2));
         assert_eq!(position("A", ["x", "a"]), Some(1));
         assert_eq!(position("c", ["a", "B"]), None);
+        assert_eq!(position("ab", ["aB", "Ab"]), None);
     }
 }

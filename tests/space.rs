@@ -164,3 +164,13 @@ fn levels_beyond_the_deepest_are_refused() {
     assert!(Levels::from_factors(&vec![2; deepest]).is_ok());
     assert!(Levels::from_factors(&vec![2; deepest + 1]).is_err());
 }
+
+#[test]
+fn cells_that_are_too_stretched_are_refused() {
+    let domain = |length: f64| Domain::new([0.0; 3], [1.0, 1.0, length], [4, 4, 8]);
+    assert!(domain(1.9e10).is_ok() && domain(2.1e-10).is_ok());
+    for length in [2.1e10, 1.9e-10] {
+        let error = domain(length).unwrap_err().to_string();
+        assert!(error.contains("up to 1e10 times as wide is supported"), "{error}");
+    }
+}

@@ -4,8 +4,8 @@ use std::fmt;
 
 /// Base units, in the order of exponents.
 const BASES: [&str; 4] = ["g", "cm", "s", "K"];
-/// Exponents are multiples of a twelfth: halves, thirds and quarters are exact.
-const PARTS: i32 = 12;
+/// Exponents are multiples of such a part: hundredths, halves to eighths and twelfths are exact.
+const PARTS: i32 = 4200;
 /// Largest exponent kept.
 const LARGEST: i32 = 100 * PARTS;
 
@@ -41,7 +41,7 @@ impl Dimensions {
         Self::checked(std::array::from_fn(|i| self.0[i] + sign * other.0[i]))
     }
 
-    /// The dimensions of `self^exponent`; none where an exponent is no multiple of a twelfth, or
+    /// The dimensions of `self^exponent`; none where an exponent is no multiple of a part, or
     /// larger than is kept.
     pub(super) fn power(self, exponent: f64) -> Option<Self> {
         let powers = self.0.map(|n| f64::from(n) * exponent);
@@ -100,6 +100,8 @@ mod tests {
         assert_eq!(over(of("g"), volume).to_string(), "g/cm^3");
         assert_eq!(over(of("erg"), volume).to_string(), "g/(cm*s^2)");
         assert_eq!(over(of("erg"), of("g")).power(0.5).unwrap().to_string(), "cm/s");
+        assert_eq!(of("g").power(-1.4).unwrap().to_string(), "1/g^(7/5)");
+        assert_eq!(of("g").power(0.67).unwrap().to_string(), "g^(67/100)");
         assert_eq!(of("gauss").to_string(), "g^(1/2)/(cm^(1/2)*s)");
         assert_eq!(over(Dimensions::NONE, of("s")).to_string(), "1/s");
         assert_eq!(over(of("s"), of("s")).to_string(), "dimensionless");
@@ -108,12 +110,12 @@ mod tests {
     #[test]
     fn what_cannot_be_kept_is_unknown() {
         assert_eq!(Dimensions::of_unit("code_length"), None);
-        assert_eq!(of("cm").power(0.1), None);
+        assert_eq!(of("cm").power(1.0 / 9.0), None);
         assert_eq!(of("cm").power(1.0 / 3.0).and_then(|d| d.power(3.0)), Some(of("cm")));
         assert_eq!(of("cm").power(1e300), None);
         assert_eq!(of("cm").power(f64::NAN), None);
         let large = of("cm").power(100.0).unwrap();
         assert_eq!(large.times(of("cm"), 1), None);
-        assert_eq!(Dimensions::NONE.power(0.1), Some(Dimensions::NONE));
+        assert_eq!(Dimensions::NONE.power(1.0 / 9.0), Some(Dimensions::NONE));
     }
 }

@@ -319,7 +319,9 @@ fn rules(options: &Options, domain: &Domain) -> Result<Rules> {
 
 /// The region in cells of the deepest octree level, rounded outward.
 fn region(corners: &[[Decimal; 3]; 2], domain: &Domain) -> Result<IndexBox> {
-    let [lo, hi] = [domain.position(&corners[0])?, domain.position(&corners[1])?];
+    let named = |error: Error| Error::request(format!("--region: {error}"));
+    let place = |corner| domain.position(corner).map_err(named);
+    let [lo, hi] = [place(&corners[0])?, place(&corners[1])?];
     let shift = FRACTION_BITS - MAX_OCTREE_LEVEL;
     if let Some(a) = (0..3).find(|&a| lo.0[a] >= hi.0[a]) {
         let axis = AXES[a];

@@ -13,6 +13,9 @@ use crate::{Error, Result};
 
 /// Most root cells along an axis.
 pub const MAX_ROOT_CELLS: u64 = 1 << 24;
+/// Root cells may be so many times as wide along one axis as along another: what rounding turns a ray by
+/// moves it by some millionths of a cell then, at most.
+const MOST_STRETCHED: f64 = 1e10;
 /// Positions may lie this many root cells (as a power of two) from the domain's left edge, so
 /// that neither a position nor a difference of two overflows.
 const POSITION_RANGE_BITS: u32 = 29;
@@ -35,15 +38,16 @@ impl Domain {
     ///
     /// # Errors
     /// Edges that are not finite or not in order, root grids without cells or with more than
-    /// [`MAX_ROOT_CELLS`] along an axis, and root cells whose width is not within 1e-100 to 1e100.
+    /// [`MAX_ROOT_CELLS`] along an axis, and root cells whose width is not within 1e-100 to 1e100, or
+    /// along one axis more than 1e10 times as large as along another.
     pub fn new(left: [f64; 3], right: [f64; 3], root_cells: [u64; 3]) -> Result<Self> {
         for a in 0..3 {
             let axis = AXES[a];
             let width = right[a] - left[a];
             if !(left[a].is_finite() && right[a].is_finite() && width.is_finite() && width > 0.0) {
                 return Err(Error::request(format!(
-                    "the domain's edges along {axis} are {} and {}: both must be finite, the \
-                     left one smaller",
+                    "the domain's edges along {axis} are {} and {}: both and their distance must be \
+                     finite, the left one smaller",
                     left[a], right[a]
                 )));
             }
@@ -61,7 +65,17 @@ impl Domain {
                 )));
             }
         }
-        Ok(Self { left, right, root_cells })
+        let domain = Self { left, right, root_cells };
+        let widths = domain.root_cell_width();
+        if widths.max_element() / widths.min_element() > MOST_STRETCHED {
+            return Err(Error::request(format!(
+                "root cells are {:e} code lengths wide along one axis and {:e} along another: up to \
+                 {MOST_STRETCHED:e} times as wide is supported",
+                widths.max_element(),
+                widths.min_element()
+            )));
+        }
+        Ok(domain)
     }
 
     /// Left edges in code length.

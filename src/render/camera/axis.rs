@@ -2,11 +2,12 @@
 
 use crate::space::Position;
 
-/// A coordinate beyond this (2¹²⁵, the range of positions) is held there.
-const LARGEST: i128 = 1 << 125;
+/// A coordinate beyond this (2¹²⁶, twice the range of positions) is held there: the point of an axis
+/// through a position that is closest to something in the domain is no farther than the position is.
+const LARGEST: i128 = 1 << 126;
 
 /// `position + t·(look_at − position)`, exact but for a final floor to units of [`Position`]:
-/// `t` counts as the dyadic rational that it is. Held to the range of positions.
+/// `t` counts as the dyadic rational that it is. Held to twice the range of positions.
 pub(super) fn axis_point(position: &Position, look_at: &Position, t: f64) -> Position {
     Position(std::array::from_fn(|a| {
         let offset = scaled(look_at.0[a].saturating_sub(position.0[a]), t);
@@ -14,7 +15,7 @@ pub(super) fn axis_point(position: &Position, look_at: &Position, t: f64) -> Pos
     }))
 }
 
-/// `floor(difference · t)`, held to ± 2¹²⁶.
+/// `floor(difference · t)`, held to ± [`LARGEST`].
 fn scaled(difference: i128, t: f64) -> i128 {
     let bits = t.to_bits();
     let exponent = i32::try_from((bits >> 52) & 0x7ff).unwrap_or(0);
@@ -33,7 +34,7 @@ fn scaled(difference: i128, t: f64) -> i128 {
     } else {
         (shifted_up(high, low, shift.unsigned_abs()), true)
     };
-    let whole = i128::try_from(whole).map_or(LARGEST * 2, |whole| whole.min(LARGEST * 2));
+    let whole = i128::try_from(whole).map_or(LARGEST, |whole| whole.min(LARGEST));
     if (difference < 0) == (t < 0.0) { whole } else { -whole - i128::from(!exact) }
 }
 
@@ -81,11 +82,11 @@ mod tests {
             } else {
                 product.div_floor(&(BigInt::from(1) << power.unsigned_abs()))
             };
-            let limit: BigInt = BigInt::from(LARGEST) * 2;
+            let limit = BigInt::from(LARGEST);
             if exact >= -limit.clone() && exact <= limit {
                 prop_assert_eq!(BigInt::from(scaled(difference, t)), exact);
             } else {
-                prop_assert!(scaled(difference, t).abs() >= LARGEST * 2);
+                prop_assert!(scaled(difference, t).abs() >= LARGEST);
             }
         }
     }

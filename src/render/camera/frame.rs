@@ -198,7 +198,8 @@ impl Frame {
         for (octant, &offset) in offsets.iter().enumerate() {
             let (depth, aside) = place(offset);
             if !self.is_perspective || depth > error {
-                let slack = (DVec2::splat(reach) + aside.abs()) * MARGIN / depth;
+                let off = if self.is_perspective { error / depth } else { MARGIN };
+                let slack = (DVec2::splat(reach) * MARGIN + aside.abs() * off) / depth;
                 seen.plane_lo = seen.plane_lo.min(aside / depth - slack);
                 seen.plane_hi = seen.plane_hi.max(aside / depth + slack);
                 continue;

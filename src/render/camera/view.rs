@@ -10,6 +10,9 @@ use crate::{Error, Result};
 
 /// An `up` closer to the view direction than this (sine of the angle) has no direction left.
 const SMALLEST_SINE: f64 = 1e-12;
+/// `position` and `look_at` are at least so many units of positions apart: what is floored of either then
+/// turns the view by no more than f32 tells.
+const LEAST_APART: u128 = 1 << 24;
 /// An edge that leaves a pixel's row or column by no more than this part of a pixel is met by the rays
 /// of a row of eight squares alike.
 const ALIKE: f64 = 0.125;
@@ -97,8 +100,7 @@ impl View {
     /// The camera of `scene` in `domain`.
     ///
     /// # Errors
-    /// Positions out of range, `look_at` at `position` (to the precision of positions), and an
-    /// `up` along the view.
+    /// Positions out of range, `look_at` as good as at `position`, and an `up` along the view.
     pub fn new(scene: &Scene, domain: &Domain) -> Result<Self> {
         let view = Self::from_camera(&scene.camera, scene.image.width, scene.image.height, domain)
             .map_err(|error| Error::request(format!("{}: {error}", scene.place)))?;
@@ -121,9 +123,11 @@ impl View {
         };
         let position = place("position", &camera.position)?;
         let look_at = place("look_at", &camera.look_at)?;
-        if position == look_at {
+        let apart = position.0.iter().zip(look_at.0).map(|(from, to)| from.abs_diff(to));
+        if apart.max().is_none_or(|apart| apart < LEAST_APART) {
             return Err(Error::request(
-                "camera: look_at is position (to 2^-96 of a root cell): move one of them",
+                "camera: look_at is less than 2^-72 of a root cell from position, which tells no \
+                 direction: move one of them",
             ));
         }
         let ahead = domain.difference(&look_at, &position);
@@ -250,17 +254,19 @@ impl View {
 
     /// The frame of a brick of `size_cells`³ cells of octree level `octree` with its lowest
     /// corner at `corner`: anchored at the exact point of the view axis that is closest to the
-    /// brick's centre (of those not behind the eye, in a perspective view).
+    /// brick's centre, counted in cells (of those not behind the eye, in a perspective view). In code
+    /// length it may be so many of the cells away that are much narrower along one axis than along
+    /// another that numbers do not hold it.
     pub fn frame(&self, corner: &Position, octree: i32, size_cells: f64) -> Frame {
         let cells_per_unit = f64::from(octree - FRACTION_BITS as i32).exp2();
         let half = (0.5 * size_cells / cells_per_unit) as i128;
         let centre = Position(corner.0.map(|c| c.saturating_add(half)));
-        let ahead = self.domain.difference(&self.look_at, &self.position);
-        let foot = self.domain.difference(&centre, &self.position).dot(ahead);
-        let t = foot / self.distance / self.distance;
+        let cell_width = self.domain.cell_width(octree);
+        let in_cells = |to| self.domain.difference(to, &self.position) / cell_width;
+        let ahead = in_cells(&self.look_at);
+        let t = in_cells(&centre).dot(ahead) / ahead.length() / ahead.length();
         let t = if t.is_finite() && !(self.is_perspective && t < 0.0) { t } else { 0.0 };
         let anchor = axis_point(&self.position, &self.look_at, t);
-        let cell_width = self.domain.cell_width(octree);
         let from_corner = |place: &Position| -> [i128; 3] {
             std::array::from_fn(|a| place.0[a].saturating_sub(corner.0[a]))
         };

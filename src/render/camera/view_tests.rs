@@ -247,6 +247,8 @@ fn wrong_cameras_are_refused() {
     };
     let same = camera(wide, ["0.1", "0.2", "0.3"], ["1e-1", "2e-1", "3e-1"]);
     assert!(refuse(&same).contains("look_at"));
+    let close = camera(wide, ["0.1", "0.2", "0.3"], ["0.1", "0.2", "0.3000000000000000000000001"]);
+    assert!(refuse(&close).contains("which tells no direction"));
     let mut along = camera(wide, ["0", "0", "0"], ["0.1", "0.2", "0.3"]);
     along.up = DVec3::new(-0.1, -0.2, -0.3);
     assert!(refuse(&along).contains("up"));
@@ -286,6 +288,26 @@ fn footprints_do_not_depend_on_the_unit_of_length() {
         assert!(one.0.cmplt(one.1).all(), "{one:?}");
         for exponent in [-80, -30, 30, 38, 44, 80, 300] {
             assert_eq!(footprint(exponent), one, "{projection} 2^{exponent}");
+        }
+    }
+}
+
+#[test]
+fn rays_across_stretched_cells_stay_in_them() {
+    let narrow = Projection::Perspective { fov_degrees: 20.0 };
+    for projection in [narrow, Projection::Orthographic { height: 0.9 }] {
+        for stretch in [1.0, 1e6, 1e10] {
+            let domain = Domain::new([0.0; 3], [1.0, stretch, 1.0], [4; 3]).unwrap();
+            let mut settings = camera(projection, ["0", "0", "0"], ["0", "0", "0"]);
+            let (eye, target) = ([-1.0, 0.05 * stretch, 0.5], [0.5, 0.05 * stretch + 1.0, 0.5]);
+            settings.position = eye.map(|x| Decimal::from_f64(x).unwrap());
+            settings.look_at = target.map(|x| Decimal::from_f64(x).unwrap());
+            settings.up = DVec3::Z;
+            let view = View::from_camera(&settings, 5, 5, &domain).unwrap();
+            let ray = view.frame(&Position([0; 3]), 0, 4.0).ray(DVec2::ZERO);
+            let place = ray.origin + ray.direction * ((2.0 - ray.origin.x) / ray.direction.x);
+            let expected = 0.2 + 4.0 / stretch;
+            assert!((place.y - expected).abs() < 1e-12, "{stretch:e}: {}", place.y);
         }
     }
 }
