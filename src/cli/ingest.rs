@@ -76,7 +76,8 @@ pub(super) struct Arguments {
         value_parser = values::corner
     )]
     region: Option<Vec<[Decimal; 3]>>,
-    /// Cells along a brick's edge: 8, 16 or 32 (default: what costs least)
+    /// Cells along a brick's edge: 8, 16 or 32 (default: what costs least, or
+    /// smaller where the limit has no room for it)
     #[arg(long, value_name = "B", value_parser = values::brick, allow_negative_numbers = true)]
     brick: Option<u32>,
     /// Write what the ingest took to this file (JSON)

@@ -61,8 +61,8 @@ pub const EXACT: f64 = 1e-6;
 pub struct RenderOptions<'o> {
     /// The memory limit of the whole process, bytes.
     pub memory: u64,
-    /// Threads that march, at least 1; where none are given as many as there are cores, and as have
-    /// room in `memory`.
+    /// Threads that march, at least 1; where none are given as many as there are cores, and as leave
+    /// half of `memory` to bricks, or two if these fit.
     pub threads: Option<usize>,
     /// Hears of progress, from any thread: tiles done, and how many there are.
     pub progress: Option<&'o (dyn Fn(u64, u64) + Sync)>,

@@ -39,7 +39,7 @@ pub struct Hierarchy {
     pub domain: Domain,
     /// The levels that the output's grids use.
     pub levels: Levels,
-    /// Fields that every grid has.
+    /// Fields that can be read; whether every grid has them may show only then.
     pub fields: Vec<SourceField>,
     /// Which of `fields` is the density, if one is.
     pub density: Option<usize>,

@@ -24,7 +24,7 @@ pub(super) struct Limits {
         allow_hyphen_values = true
     )]
     pub(super) memory: u64,
-    /// Threads (default: all cores)
+    /// Threads (default: as `render` has it)
     #[arg(
         long,
         value_name = "N",

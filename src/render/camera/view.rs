@@ -10,8 +10,8 @@ use crate::{Error, Result};
 
 /// An `up` closer to the view direction than this (sine of the angle) has no direction left.
 const SMALLEST_SINE: f64 = 1e-12;
-/// `position` and `look_at` are at least so many units of positions apart: what is floored of either then
-/// turns the view by no more than f32 tells.
+/// `position` and `look_at` are at least so many units of positions apart: flooring turns the view by no
+/// more than f32 tells, then.
 const LEAST_APART: u128 = 1 << 24;
 /// An edge that leaves a pixel's row or column by no more than this part of a pixel is met by the rays
 /// of a row of eight squares alike.
@@ -254,9 +254,9 @@ impl View {
 
     /// The frame of a brick of `size_cells`³ cells of octree level `octree` with its lowest
     /// corner at `corner`: anchored at the exact point of the view axis that is closest to the
-    /// brick's centre, counted in cells (of those not behind the eye, in a perspective view). In code
-    /// length it may be so many of the cells away that are much narrower along one axis than along
-    /// another that numbers do not hold it.
+    /// brick's centre, counted in cells (of those not behind the eye, in a perspective view). By code
+    /// length that point may lie beyond the range of positions, where cells are much longer along one
+    /// axis than along another.
     pub fn frame(&self, corner: &Position, octree: i32, size_cells: f64) -> Frame {
         let cells_per_unit = f64::from(octree - FRACTION_BITS as i32).exp2();
         let half = (0.5 * size_cells / cells_per_unit) as i128;
