@@ -13,6 +13,7 @@ mod cells;
 mod complete;
 mod drafts;
 mod gather;
+mod header;
 mod load_cache;
 mod morton;
 mod neighbourhood;
@@ -32,8 +33,8 @@ mod upward;
 use std::path::Path;
 
 use crate::atomic_file::AtomicFile;
-use crate::cache::{BrickShape, CachedField, Header, MAX_FIELDS, TreeLevel};
-use crate::source::{Hierarchy, Source, SourceField, has_covered_cells};
+use crate::cache::{BrickShape, Header, MAX_FIELDS};
+use crate::source::{Source, has_covered_cells};
 use crate::space::{AXES, Decimal, Domain, FRACTION_BITS, IndexBox, MAX_OCTREE_LEVEL};
 use crate::spelling::{nearest_first, position};
 use crate::{Error, Result};
@@ -43,6 +44,7 @@ use build::Built;
 use cells::SourceCells;
 pub use cells::chunks;
 use complete::{Completion, Spare};
+use header::header;
 use overlaps::{CUBE_EDGE, Layout};
 pub use plan::DEFAULT_MEMORY;
 use plan::{Plan, Shares};
@@ -52,11 +54,11 @@ pub use target::{refuse_files_of, refuse_source_files};
 /// What to ingest, and how.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Names of the fields, without regard to case; empty: the density.
+    /// Names of the fields, without regard to case unless only that tells two apart; empty: the density.
     pub fields: Vec<String>,
     /// Limit of the process' memory, bytes.
     pub memory: u64,
-    /// Threads; none: all cores.
+    /// Threads at most; none: one a core.
     pub threads: Option<usize>,
     /// Simulation levels deeper than this are left out.
     pub max_level: Option<u32>,
@@ -337,76 +339,4 @@ fn region(corners: &[[Decimal; 3]; 2], domain: &Domain) -> Result<IndexBox> {
         ));
     }
     Ok(region)
-}
-
-fn header(
-    source: &dyn Source,
-    fields: &[usize],
-    shape: BrickShape,
-    layout: &Layout,
-    built: &Built,
-) -> Header {
-    let hierarchy = source.hierarchy();
-    let of_source = fields.iter().map(|&field| &hierarchy.fields[field]);
-    let fields = of_source.zip(&built.tallies).map(|(field, tally)| cached_field(field, tally));
-    Header {
-        file_bytes: 0,
-        source_format: source.format().to_owned(),
-        time: hierarchy.time,
-        domain: hierarchy.domain.clone(),
-        shape,
-        levels: tree_levels(hierarchy, shape, layout, built),
-        fields: fields.collect(),
-        max_parent_blocks: 0,
-        index_offset: 0,
-        index_pages: 0,
-        page_table_checksum: 0,
-        checksum: 0,
-    }
-}
-
-fn tree_levels(
-    hierarchy: &Hierarchy,
-    shape: BrickShape,
-    layout: &Layout,
-    built: &Built,
-) -> Vec<TreeLevel> {
-    let upper = build::upper_levels(shape, hierarchy.domain.root_cells()) as i32;
-    let mut first_node = 0;
-    let level = |(depth, cells): (usize, &build::LevelCells)| {
-        let octree = depth as i32 - upper;
-        let at = u32::try_from(octree).ok();
-        let nodes = built.store.bricks(depth);
-        first_node += nodes;
-        TreeLevel {
-            octree,
-            simulation: at.and_then(|o| hierarchy.levels.simulation(o)).map(|l| l as u32),
-            first_node: first_node - nodes,
-            nodes,
-            grids: at.and_then(|o| layout.grids_per_level.get(o as usize)).copied().unwrap_or(0),
-            cells: cells.existing,
-            leaf_cells: cells.leaf,
-        }
-    };
-    built.cells.iter().enumerate().map(level).collect()
-}
-
-fn cached_field(field: &SourceField, tally: &tally::Tally) -> CachedField {
-    CachedField {
-        name: field.name.clone(),
-        units: field.units.clone(),
-        to_cgs: field.to_cgs,
-        exponent: tally.exponent(),
-        min: tally.min,
-        max: tally.max,
-        smallest_positive: Some(tally.smallest_positive).filter(|least| least.is_finite()),
-        sum: tally.sum.value(),
-        stored_sum: tally.stored_sum.value(),
-        nan_cells: tally.nan_cells,
-        dropped_cells: tally.dropped_cells,
-        dropped_volume: tally.dropped_volume.value(),
-        dropped_sum: tally.dropped_sum.value(),
-        relative_error: tally.relative_error,
-        leaf_error: tally.leaf_error,
-    }
 }

@@ -2,8 +2,8 @@
 
 use super::colormap::ColorMap;
 use super::entry::{Entry, Table};
-use super::mapping::Scale;
 use super::piecewise::PiecewiseLinear;
+use super::scale::Scale;
 use crate::Result;
 
 /// The keys that a `[[volume]]` may have.
