@@ -94,7 +94,8 @@ pub struct FieldRecord {
     /// Bound of |own interpolant − finest interpolant| in the box where log10 of the field's value
     /// is interpolated (floored at the smallest positive leaf value, as scenes floor it).
     pub residual_log10: f32,
-    /// Bounds of the relative difference of any value from the stored one (1: none) in each of [`Precision::FEWER`].
+    /// Bounds of the relative difference of any value from the stored one (1: none) in each of
+    /// [`Precision::FEWER`].
     pub errors: [f32; PARTS - 1],
     /// [`Self::VOID`] | [`Self::NAN_OWN`] | [`Self::NAN_TREE`] | [`Self::FILLS_VOID`].
     pub flags: u8,
