@@ -12,7 +12,7 @@ pub(crate) const LARGEST_EXACT: u64 = 1 << 24;
 /// Bricks whose marks stand in one number.
 const TOGETHER: u64 = 64 / FORMS as u64;
 
-/// Counts loads, exactly and from any thread.
+/// Counts loads, from any thread and exactly (of bricks below [`LARGEST_EXACT`]).
 #[derive(Debug)]
 pub(crate) struct Counters {
     /// One bit for each form of a brick: loaded before.
