@@ -173,7 +173,7 @@ fn blocks_are_parts_of_the_whole() {
 #[test]
 fn other_kinds_of_data_are_not_taken_for_enzo() {
     for set in ["athena_nested13", "amrex_adv", "flash_sedov"] {
-        if let Some(folder) = facts::folder(set) {
+        if let Some(folder) = data::shared(&format!("data/{set}")) {
             let error = source::open(&folder, Some("enzo")).err().unwrap().to_string();
             assert!(error.contains("holds no Enzo dump"), "{error}");
         }

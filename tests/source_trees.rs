@@ -56,8 +56,7 @@ fn what_the_runs_say_of_themselves() {
 
 #[test]
 fn curved_coordinates_are_refused_by_name() {
-    let Some(folder) = facts::folder("athena_sph") else { return };
-    let path = folder.join("sph.out1.00001.athdf");
+    let Some(path) = data::shared("data/athena_sph/sph.out1.00001.athdf") else { return };
     for format in [None, Some("athena++"), Some("Athena++")] {
         let error = source::open(&path, format).err().unwrap().to_string();
         assert!(error.contains("sph.out1.00001.athdf"), "{error}");

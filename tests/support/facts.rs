@@ -16,16 +16,11 @@ use serde_json::Value;
 
 use crate::data::shared;
 
-/// Where data set `set` lies, if it is there.
-pub(crate) fn folder(set: &str) -> Option<PathBuf> {
-    shared(&format!("data/{set}"))
-}
-
 /// What to open of data set `set` (named by the facts' entry `entry`), and the facts; none, said
 /// on stderr, where it is not there.
 pub(crate) fn load(set: &str, entry: &str) -> Option<(PathBuf, Value)> {
-    let folder = folder(set)?;
-    let facts = std::fs::read_to_string(folder.join("yt_facts.json")).unwrap();
+    let path = shared(&format!("data/{set}/yt_facts.json"))?;
+    let (folder, facts) = (path.parent().unwrap(), std::fs::read_to_string(&path).unwrap());
     let facts: Value = serde_json::from_str(&facts).unwrap();
     Some((folder.join(facts[entry].as_str().unwrap()), facts))
 }

@@ -198,6 +198,7 @@ impl Frame {
         for (octant, &offset) in offsets.iter().enumerate() {
             let (depth, aside) = place(offset);
             if !self.is_perspective || depth > error {
+                // Near the eye's plane depth is off by a larger part of itself.
                 let off = if self.is_perspective { error / depth } else { MARGIN };
                 let slack = (DVec2::splat(reach) * MARGIN + aside.abs() * off) / depth;
                 seen.plane_lo = seen.plane_lo.min(aside / depth - slack);

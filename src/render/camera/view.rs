@@ -10,9 +10,9 @@ use crate::{Error, Result};
 
 /// An `up` closer to the view direction than this (sine of the angle) has no direction left.
 const SMALLEST_SINE: f64 = 1e-12;
-/// `position` and `look_at` are at least so many units of positions apart: flooring turns the view by no
-/// more than f32 tells, then.
-const LEAST_APART: u128 = 1 << 24;
+/// `position` and `look_at` are at least this part of a root cell's longest side apart, 2²⁴ units of
+/// positions: flooring turns the view by no more than f32 tells, then.
+const LEAST_APART: f64 = 1.0 / (1_u128 << 72) as f64;
 /// An edge that leaves a pixel's row or column by no more than this part of a pixel is met by the rays
 /// of a row of eight squares alike.
 const ALIKE: f64 = 0.125;
@@ -123,14 +123,13 @@ impl View {
         };
         let position = place("position", &camera.position)?;
         let look_at = place("look_at", &camera.look_at)?;
-        let apart = position.0.iter().zip(look_at.0).map(|(from, to)| from.abs_diff(to));
-        if apart.max().is_none_or(|apart| apart < LEAST_APART) {
+        let ahead = domain.difference(&look_at, &position);
+        if ahead.length() < LEAST_APART * domain.root_cell_width().max_element() {
             return Err(Error::request(
                 "camera: look_at is less than 2^-72 of a root cell from position, which tells no \
                  direction: move one of them",
             ));
         }
-        let ahead = domain.difference(&look_at, &position);
         let (is_perspective, half_height) = match camera.projection {
             // fov/2 in radians, in one rounding, so that tiny angles stay precise.
             Projection::Perspective { fov_degrees } => {

@@ -249,6 +249,11 @@ fn wrong_cameras_are_refused() {
     assert!(refuse(&same).contains("look_at"));
     let close = camera(wide, ["0.1", "0.2", "0.3"], ["0.1", "0.2", "0.3000000000000000000000001"]);
     assert!(refuse(&close).contains("which tells no direction"));
+    // Along the longest side a unit of positions is longer than all of the way.
+    let domain = Domain::new([0.0; 3], [1.0, 1e10, 1.0], [4; 3]).unwrap();
+    let across = camera(wide, ["0.1", "0.2", "0.3"], ["0.1000000000001", "0.2", "0.3"]);
+    let refused = View::from_camera(&across, 10, 10, &domain).unwrap_err().to_string();
+    assert!(refused.contains("which tells no direction"), "{refused}");
     let mut along = camera(wide, ["0", "0", "0"], ["0.1", "0.2", "0.3"]);
     along.up = DVec3::new(-0.1, -0.2, -0.3);
     assert!(refuse(&along).contains("up"));
