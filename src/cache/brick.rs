@@ -85,10 +85,15 @@ impl Inside {
             return None;
         }
         let (mut first, mut last) = ([side; 3], [0; 3]);
-        for at in (0..states.len()).filter(|at| states[*at] != state::OUTSIDE) {
-            for (a, c) in Self::place(side, at).into_iter().enumerate() {
-                first[a] = c.min(first[a]);
-                last[a] = c.max(last[a]);
+        for (number, row) in states.chunks_exact(side).enumerate() {
+            let is_inside = |bits: &u8| *bits != state::OUTSIDE;
+            let Some(low) = row.iter().position(is_inside) else { continue };
+            let high = row.iter().rposition(is_inside).unwrap_or(low);
+            for (a, c) in
+                [[low, high], [number % side; 2], [number / side; 2]].into_iter().enumerate()
+            {
+                first[a] = c[0].min(first[a]);
+                last[a] = c[1].max(last[a]);
             }
         }
         (first[0] <= last[0]).then_some(Self { side, first, last })
@@ -111,8 +116,13 @@ impl Inside {
 /// nearest one along all axes that does not, by their indices. Without any inside there is no call.
 pub fn visit_outside(side: usize, states: &[u8], mut visit: impl FnMut(usize, usize)) {
     let Some(inside) = Inside::of(side, states) else { return };
-    for at in (0..states.len()).filter(|at| states[*at] == state::OUTSIDE) {
-        visit(at, inside.nearest(at));
+    for (row, states) in states.chunks_exact(side).enumerate() {
+        if state::any(states, |bits| bits == state::OUTSIDE) {
+            for (x, _) in states.iter().enumerate().filter(|(_, bits)| **bits == state::OUTSIDE) {
+                let at = row * side + x;
+                visit(at, inside.nearest(at));
+            }
+        }
     }
 }
 
@@ -173,11 +183,13 @@ impl RawBrick {
             .any(|cell| is_void(own, cell) && !is_void(parent, cell.map(|c| (c - 1) / 2 + 1)))
     }
 
-    /// Sets the brick up for `blocks` blocks of shape `shape`, reusing memory.
-    pub(crate) fn reset(&mut self, shape: BrickShape, blocks: usize) {
+    /// Makes room for `blocks` blocks of shape `shape`, whose cells are still to be set.
+    pub(crate) fn fit(&mut self, shape: BrickShape, blocks: usize) {
         self.blocks.resize_with(blocks, Block::default);
         for (up, block) in self.blocks.iter_mut().enumerate() {
-            block.reset(shape.side(up));
+            block.side = shape.side(up);
+            block.values.resize(block.side.pow(3), 0.0);
+            block.states.resize(block.side.pow(3), 0);
         }
     }
 }
@@ -298,7 +310,7 @@ mod tests {
     fn void_is_filled_where_the_parent_has_something() {
         let shape = BrickShape::new(8).unwrap();
         let mut brick = RawBrick::default();
-        brick.reset(shape, 2);
+        brick.fit(shape, 2);
         for block in &mut brick.blocks {
             block.states.fill(state::EXISTS);
         }

@@ -4,6 +4,7 @@ use super::brick::{Block, BrickPlace, RawBrick, state};
 use super::digits::NAN_BITS;
 use super::header::Header;
 use super::record::{FieldRecord, NodeRecord};
+use crate::lanes::{Kernel, Lanes, Width};
 use crate::space::cells_at;
 
 /// Whether a decoded payload is what its records say.
@@ -13,16 +14,8 @@ pub(super) fn check_brick(
     record: &FieldRecord,
     brick: &RawBrick,
 ) -> Result<(), &'static str> {
-    let nan = record.has_nan(true);
     for block in &brick.blocks {
-        let sound = |value: f32, bits: u8| {
-            (bits & state::EXISTS == 0)
-                | ((record.own[0] <= value) & (value <= record.own[1]))
-                | (nan & (value.to_bits() == NAN_BITS))
-        };
-        // Without an end at the first that is not: several values at a time.
-        let cells = block.values.iter().zip(&block.states);
-        if !cells.fold(true, |all, (&value, &bits)| all & sound(value, bits)) {
+        if !Width::best().run(InRange { block, range: record.own, nan: record.has_nan(true) }) {
             return Err("a value lies outside the range that the index gives");
         }
     }
@@ -31,6 +24,30 @@ pub(super) fn check_brick(
         return Err("its last block has holes");
     }
     check_cells(edge, node, brick)
+}
+
+/// Whether the values of cells that exist are in a range, or NaN if `nan`.
+struct InRange<'b> {
+    block: &'b Block,
+    range: [f32; 2],
+    nan: bool,
+}
+
+impl Kernel for InRange<'_> {
+    type Output = bool;
+
+    // Without an end at the first that is not: several values at a time.
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) -> bool {
+        let Self { block, range: [low, high], nan } = self;
+        let sound = |value: f32, bits: u8| {
+            (bits & state::EXISTS == 0)
+                | ((low <= value) & (value <= high))
+                | (nan & (value.to_bits() == NAN_BITS))
+        };
+        let cells = block.values.iter().zip(&block.states);
+        cells.fold(true, |all, (&value, &bits)| all & sound(value, bits))
+    }
 }
 
 /// Counts and children must agree with the cells' states.

@@ -99,7 +99,7 @@ impl Decoder {
                 decompress(&mut self.context, stored, parts::bytes(part, cells), raw)?;
             }
         }
-        brick.reset(shape, blocks);
+        brick.fit(shape, blocks);
         self.joiner.join(self.raw.each_ref().map(Vec::as_slice), brick)
     }
 }
@@ -141,7 +141,7 @@ mod tests {
 
     fn sample(shape: BrickShape, blocks: usize) -> RawBrick {
         let mut brick = RawBrick::default();
-        brick.reset(shape, blocks);
+        brick.fit(shape, blocks);
         for (up, block) in brick.blocks.iter_mut().enumerate() {
             for i in 0..block.values.len() {
                 if i % 7 != up {

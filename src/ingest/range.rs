@@ -63,7 +63,7 @@ mod tests {
     fn it_is_that_of_the_values_that_exist() {
         for (edge, blocks) in [(8, 1), (8, 4), (16, 2)] {
             let mut raw = RawBrick::default();
-            raw.reset(BrickShape::new(edge).unwrap(), blocks);
+            raw.fit(BrickShape::new(edge).unwrap(), blocks);
             assert_eq!(range(&raw), (EMPTY_RANGE, false));
             for (up, block) in raw.blocks.iter_mut().enumerate() {
                 for (n, value) in block.values.iter_mut().enumerate() {

@@ -38,6 +38,8 @@ pub(super) trait Lanes: Copy {
     type Index: Copy;
     /// One bit a lane.
     type Mask: Copy;
+    /// Four f64, whatever the number of lanes.
+    type Doubles: Copy;
 
     /// `x` in all lanes.
     fn splat(self, x: f32) -> Self::Float;
@@ -113,6 +115,18 @@ pub(super) trait Lanes: Copy {
     fn upper_half(self, index: Self::Index) -> Self::Float;
     /// The f32 whose upper 16 bits are the lower half of the index, the others 0.
     fn lower_half(self, index: Self::Index) -> Self::Float;
+    /// Four f64 as they are.
+    fn doubles(self, numbers: &[f64; 4]) -> Self::Doubles;
+    /// Four elements of `table` from `index` on; NaN beyond the last.
+    fn doubles_at(self, table: &[f64], index: usize) -> Self::Doubles;
+    /// Four f64 as an array.
+    fn of_doubles(self, x: Self::Doubles) -> [f64; 4];
+    /// a − b.
+    fn sub_doubles(self, a: Self::Doubles, b: Self::Doubles) -> Self::Doubles;
+    /// The smaller; `b` where either is NaN.
+    fn min_doubles(self, a: Self::Doubles, b: Self::Doubles) -> Self::Doubles;
+    /// The larger; `b` where either is NaN.
+    fn max_doubles(self, a: Self::Doubles, b: Self::Doubles) -> Self::Doubles;
 }
 
 /// The last index from which on there are pairs at all offsets.
@@ -122,6 +136,13 @@ fn last_of_pairs(table: &[f32], offsets: [usize; 4]) -> usize {
     let beyond = a.max(b).max(c.max(d)) + 2;
     assert!(table.len() >= beyond, "gathering pairs from a table without any");
     table.len() - beyond
+}
+
+/// Four elements of `table` from `index` on; NaN beyond the last.
+#[cold]
+fn doubles_partly(table: &[f64], index: usize) -> [f64; 4] {
+    let at = |n: usize| table.get(index.checked_add(n)?).copied();
+    std::array::from_fn(|n| at(n).unwrap_or(f64::NAN))
 }
 
 /// What runs on lanes of any kind.

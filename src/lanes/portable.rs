@@ -1,6 +1,6 @@
 //! Lanes as plain arrays: the reference for the others, and what runs on processors without them.
 
-use super::{BYTE_PADDING, Lanes, Row, last_of_pairs};
+use super::{BYTE_PADDING, Lanes, Row, doubles_partly, last_of_pairs};
 
 const COUNT: usize = 8;
 
@@ -18,6 +18,7 @@ impl Lanes for Portable {
     type Float = [f32; COUNT];
     type Index = [u32; COUNT];
     type Mask = [bool; COUNT];
+    type Doubles = [f64; 4];
 
     #[inline(always)]
     fn splat(self, x: f32) -> Self::Float {
@@ -165,5 +166,30 @@ impl Lanes for Portable {
     #[inline(always)]
     fn lower_half(self, index: Self::Index) -> Self::Float {
         each(|n| f32::from_bits(index[n] << 16))
+    }
+    #[inline(always)]
+    fn doubles(self, numbers: &[f64; 4]) -> Self::Doubles {
+        *numbers
+    }
+    #[inline(always)]
+    fn doubles_at(self, table: &[f64], index: usize) -> Self::Doubles {
+        let whole = table.get(index..).and_then(|rest| rest.first_chunk());
+        whole.copied().unwrap_or_else(|| doubles_partly(table, index))
+    }
+    #[inline(always)]
+    fn of_doubles(self, x: Self::Doubles) -> [f64; 4] {
+        x
+    }
+    #[inline(always)]
+    fn sub_doubles(self, a: Self::Doubles, b: Self::Doubles) -> Self::Doubles {
+        std::array::from_fn(|n| a[n] - b[n])
+    }
+    #[inline(always)]
+    fn min_doubles(self, a: Self::Doubles, b: Self::Doubles) -> Self::Doubles {
+        std::array::from_fn(|n| if a[n] < b[n] { a[n] } else { b[n] })
+    }
+    #[inline(always)]
+    fn max_doubles(self, a: Self::Doubles, b: Self::Doubles) -> Self::Doubles {
+        std::array::from_fn(|n| if a[n] > b[n] { a[n] } else { b[n] })
     }
 }

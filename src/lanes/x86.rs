@@ -7,7 +7,7 @@
 
 use std::arch::x86_64::*;
 
-use super::{BYTE_PADDING, Kernel, Lanes, Row, last_of_pairs};
+use super::{BYTE_PADDING, Kernel, Lanes, Row, doubles_partly, last_of_pairs};
 
 /// Proof of AVX2 and FMA.
 #[derive(Debug, Clone, Copy)]
@@ -115,11 +115,39 @@ macro_rules! method {
     };
 }
 
+/// The methods on four f64, which take the same instructions on both kinds.
+macro_rules! methods_on_doubles {
+    () => {
+        method!(doubles(numbers: &[f64; 4]) -> __m256d { _mm256_loadu_pd(numbers.as_ptr()) });
+        method!(of_doubles(x: __m256d) -> [f64; 4] {
+            {
+                let mut numbers = [0.0; 4];
+                _mm256_storeu_pd(numbers.as_mut_ptr(), x);
+                numbers
+            }
+        });
+        #[inline(always)]
+        fn doubles_at(self, table: &[f64], index: usize) -> __m256d {
+            if table.len() < 4 || index > table.len() - 4 {
+                return self.doubles(&doubles_partly(table, index));
+            }
+            // SAFETY: `self` proves the features; the table has four elements from there on.
+            unsafe { _mm256_loadu_pd(table.as_ptr().add(index)) }
+        }
+        method!(sub_doubles(a: __m256d, b: __m256d) -> __m256d { _mm256_sub_pd(a, b) });
+        method!(min_doubles(a: __m256d, b: __m256d) -> __m256d { _mm256_min_pd(a, b) });
+        method!(max_doubles(a: __m256d, b: __m256d) -> __m256d { _mm256_max_pd(a, b) });
+    };
+}
+
 impl Lanes for Avx512 {
     const COUNT: usize = 16;
     type Float = __m512;
     type Index = __m512i;
     type Mask = __mmask16;
+    type Doubles = __m256d;
+
+    methods_on_doubles!();
 
     method!(splat(x: f32) -> __m512 { _mm512_set1_ps(x) });
     method!(load(row: &Row) -> __m512 { _mm512_loadu_ps(row.0.as_ptr()) });
@@ -267,6 +295,9 @@ impl Lanes for Avx2 {
     type Index = __m256i;
     /// All bits of a lane set, or none.
     type Mask = __m256;
+    type Doubles = __m256d;
+
+    methods_on_doubles!();
 
     method!(splat(x: f32) -> __m256 { _mm256_set1_ps(x) });
     method!(load(row: &Row) -> __m256 { _mm256_loadu_ps(row.0.as_ptr()) });

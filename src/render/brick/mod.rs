@@ -12,6 +12,7 @@ pub(super) mod load;
 pub(super) mod margin;
 #[cfg(test)]
 mod margin_tests;
+mod parents;
 pub(super) mod passage;
 mod ranges;
 pub(super) mod relief;

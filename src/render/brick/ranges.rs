@@ -8,39 +8,38 @@ use crate::lanes::{Kernel, Lanes, Width};
 
 /// Of values, and of their steps along each axis.
 const PARTS: usize = 4;
-/// Numbers at each place: smallest, with their signs turned, and largest of each part.
-const NUMBERS: usize = 2 * PARTS;
-/// Places that are folded together.
+/// The parts that are steps.
+const ALONG_X: usize = 1;
+const ALONG_Y: usize = 2;
+const ALONG_Z: usize = 3;
+/// Places that are folded together, as many as lanes hold doubles.
 const ABREAST: usize = 4;
 
-/// Places of a row, with room for some that are folded with the last.
-const fn padded_row(side: usize) -> usize {
-    side.next_multiple_of(ABREAST)
-}
+/// Of each part the smallest and the largest, at places abreast of each other.
+type Abreast = [[[f64; ABREAST]; 2]; PARTS];
 
-/// Places of a plane, likewise, from any row's last on.
-const fn padded(side: usize) -> usize {
-    (side * side).next_multiple_of(ABREAST) + ABREAST
-}
+/// At a place: the smallest of each part, and the largest of each.
+type Place = [[f64; PARTS]; 2];
 
-/// Smallest and largest of each part at each place: of a plane of the block, number by number, and of
-/// a line of that, place by place. Their memory is reused.
+/// Smallest and largest of each part at each place of a plane of the block, row by row, and of a line
+/// of that; both with room for places beyond a row's last. Their memory is reused.
 #[derive(Debug, Default)]
 pub(super) struct Ranges {
-    plane: Vec<f64>,
-    line: Vec<[f64; NUMBERS]>,
+    plane: Vec<Abreast>,
+    line: Vec<Place>,
 }
 
 impl Ranges {
     /// Most heap bytes for cubes of `side`.
     pub(super) fn bytes(side: usize) -> u64 {
-        (NUMBERS * (padded(side) + padded_row(side)) * size_of::<f64>()) as u64
+        let abreast = side.div_ceil(ABREAST);
+        (abreast * (side * size_of::<Abreast>() + ABREAST * size_of::<Place>())) as u64
     }
 
     /// Heap bytes held.
     #[cfg(test)]
     pub(super) fn held(&self) -> usize {
-        (self.plane.capacity() + NUMBERS * self.line.capacity()) * size_of::<f64>()
+        self.plane.capacity() * size_of::<Abreast>() + self.line.capacity() * size_of::<Place>()
     }
 
     /// Adds to `found`, x fastest, what holds in each triple of `windows` of a cube of `values`:
@@ -53,13 +52,13 @@ impl Ranges {
         windows: &Triples,
         found: &mut Vec<Steepness>,
     ) {
-        let (length, Self { plane, line }) = (NUMBERS * padded(side), &mut *self);
-        plane.clear();
-        plane.reserve_exact(length);
-        plane.resize(length, 0.0);
-        line.clear();
-        line.reserve_exact(padded_row(side));
-        line.resize(padded_row(side), [0.0; NUMBERS]);
+        let abreast = side.div_ceil(ABREAST);
+        self.plane.clear();
+        self.plane.reserve_exact(abreast * side);
+        self.plane.resize(abreast * side, Default::default());
+        self.line.clear();
+        self.line.reserve_exact(abreast * ABREAST);
+        self.line.resize(abreast * ABREAST, Default::default());
         Width::best().run(Search { values, side, windows, buffers: self, found });
     }
 }
@@ -76,129 +75,126 @@ struct Search<'s> {
 impl Kernel for Search<'_> {
     type Output = ();
 
-    // Plain loops, compiled for the processor that the lanes are of.
     #[inline(always)]
-    fn run<L: Lanes>(self, _: L) {
+    fn run<L: Lanes>(self, l: L) {
         let Self { values, side, windows: [along_x, along_y, along_z], buffers, found } = self;
         let Ranges { plane, line } = buffers;
         for window in along_z {
-            fold_planes(values, side, *window, plane);
+            fold_planes(l, values, side, *window, plane);
             for window in along_y {
-                fold_rows(plane, side, *window, line);
+                fold_rows(l, plane, side, *window, line);
                 for window in along_x {
-                    found.push(fold_places(line, *window));
+                    found.push(fold_places(l, line, *window));
                 }
             }
         }
     }
 }
 
-/// The larger of what was found and a number; what is no number does not count. (`max` asks that of
-/// both, which takes four instructions for one.)
-#[inline(always)]
-pub(super) fn larger(most: f64, x: f64) -> f64 {
-    if x > most { x } else { most }
-}
+/// The smallest and the largest of what four places have; what is no number does not count.
+#[derive(Clone, Copy)]
+struct Range<L: Lanes>([L::Doubles; 2]);
 
-/// Raises each of `most` to a number, where that is larger.
-///
-/// `most` is for registers: of what lies in memory compilers write only what changes, under a mask,
-/// for which many processors with AVX2 take ten times as long as for writing all.
-#[inline(always)]
-fn raise(most: &mut [f64; ABREAST], numbers: [f64; ABREAST]) {
-    for n in 0..ABREAST {
-        most[n] = larger(most[n], numbers[n]);
+impl<L: Lanes> Range<L> {
+    /// Of nothing.
+    #[inline(always)]
+    fn none(l: L) -> Self {
+        Self([f64::INFINITY, f64::NEG_INFINITY].map(|x| l.doubles(&[x; ABREAST])))
+    }
+
+    /// Takes in numbers.
+    #[inline(always)]
+    fn take(&mut self, l: L, numbers: L::Doubles) {
+        self.join(l, [numbers; 2]);
+    }
+
+    /// Takes in ranges.
+    #[inline(always)]
+    fn join(&mut self, l: L, [least, most]: [L::Doubles; 2]) {
+        self.0 = [l.min_doubles(least, self.0[0]), l.max_doubles(most, self.0[1])];
+    }
+
+    #[inline(always)]
+    fn numbers(self, l: L) -> [[f64; ABREAST]; 2] {
+        self.0.map(|numbers| l.of_doubles(numbers))
     }
 }
 
-/// Numbers from place `first` on, all of which there are.
+/// Of each part the smallest and the largest over planes, place by place.
 #[inline(always)]
-fn whole(numbers: &[f64], first: usize) -> [f64; ABREAST] {
-    let numbers = &numbers[first..first + ABREAST];
-    std::array::from_fn(|n| numbers[n])
-}
-
-/// Numbers from place `first` on; beyond the last what is none.
-#[inline(always)]
-fn partly(numbers: &[f64], first: usize) -> [f64; ABREAST] {
-    std::array::from_fn(|n| numbers.get(first + n).copied().unwrap_or(f64::NAN))
-}
-
-/// Of each part the smallest, with their signs turned, and the largest over planes, place by place.
-#[inline(always)]
-fn fold_planes(values: &[f64], side: usize, window: Window, plane: &mut [f64]) {
-    let (area, length) = (side * side, padded(side));
-    for place in (0..area).step_by(ABREAST) {
-        let end = window.1 * area + place + side + ABREAST;
-        let most = if end <= values.len() {
-            fold_place(side, window, place, |at| whole(values, at))
-        } else {
-            fold_place(side, window, place, |at| partly(values, at))
-        };
-        for number in 0..NUMBERS {
-            plane[number * length + place..][..ABREAST].copy_from_slice(&most[number]);
-        }
-    }
-}
-
-/// What [`fold_planes`] finds from `place` on, where `abreast` tells the values from some place on.
-#[inline(always)]
-fn fold_place(
+fn fold_planes<L: Lanes>(
+    l: L,
+    values: &[f64],
     side: usize,
     (first, last): Window,
-    place: usize,
-    abreast: impl Fn(usize) -> [f64; ABREAST],
-) -> [[f64; ABREAST]; NUMBERS] {
+    plane: &mut [Abreast],
+) {
     let area = side * side;
-    let mut most = [[f64::NEG_INFINITY; ABREAST]; NUMBERS];
-    for z in first..=last {
-        let at = z * area + place;
-        let here = abreast(at);
-        raise(&mut most[0], here.map(|value| -value));
-        raise(&mut most[1], here);
-        for axis in 0..if z < last { 3 } else { 2 } {
-            // Steps from a row's, or the plane's, last place are no steps, and no window has them.
-            let beyond = abreast(at + [1, side, area][axis]);
-            raise(&mut most[2 + 2 * axis], std::array::from_fn(|n| here[n] - beyond[n]));
-            raise(&mut most[3 + 2 * axis], std::array::from_fn(|n| beyond[n] - here[n]));
+    for (y, row) in plane.chunks_exact_mut(side.div_ceil(ABREAST)).enumerate() {
+        for (place, abreast) in (y * side..).step_by(ABREAST).zip(row) {
+            let mut ranges = [Range::none(l); PARTS];
+            let mut at = first * area + place;
+            let mut here = l.doubles_at(values, at);
+            for z in first..=last {
+                ranges[0].take(l, here);
+                // Steps from a row's, or the plane's, last place are no steps, and no window has them.
+                ranges[ALONG_X].take(l, l.sub_doubles(l.doubles_at(values, at + 1), here));
+                ranges[ALONG_Y].take(l, l.sub_doubles(l.doubles_at(values, at + side), here));
+                if z < last {
+                    at += area;
+                    let next = l.doubles_at(values, at);
+                    ranges[ALONG_Z].take(l, l.sub_doubles(next, here));
+                    here = next;
+                }
+            }
+            *abreast = ranges.map(|range| range.numbers(l));
         }
     }
-    most
 }
 
-/// Of each number the largest over rows, place by place.
+/// Of each part the smallest and the largest over rows, place by place.
 #[inline(always)]
-fn fold_rows(plane: &[f64], side: usize, (first, last): Window, line: &mut [[f64; NUMBERS]]) {
+fn fold_rows<L: Lanes>(
+    l: L,
+    plane: &[Abreast],
+    side: usize,
+    (first, last): Window,
+    line: &mut [Place],
+) {
     let (places, _) = line.as_chunks_mut::<ABREAST>();
-    for number in 0..NUMBERS {
-        let rows = &plane[number * padded(side)..][..padded(side)];
-        let end = if number / 2 == 2 { last } else { last + 1 };
-        for (chunk, places) in places.iter_mut().enumerate() {
-            let mut most = [f64::NEG_INFINITY; ABREAST];
-            for y in first..end {
-                raise(&mut most, whole(rows, y * side + chunk * ABREAST));
+    let count = side.div_ceil(ABREAST);
+    for (number, places) in places.iter_mut().enumerate() {
+        let column = &plane[first * count + number..=last * count + number];
+        let mut ranges = [Range::none(l); PARTS];
+        for (y, abreast) in column.iter().step_by(count).enumerate() {
+            for (part, (range, ends)) in ranges.iter_mut().zip(abreast).enumerate() {
+                // Steps from the last row lead out of the window.
+                if part != ALONG_Y || first + y < last {
+                    range.join(l, ends.each_ref().map(|end| l.doubles(end)));
+                }
             }
-            for n in 0..ABREAST {
-                places[n][number] = most[n];
+        }
+        for (part, range) in ranges.into_iter().enumerate() {
+            let [least, most] = range.numbers(l);
+            for (n, place) in places.iter_mut().enumerate() {
+                (place[0][part], place[1][part]) = (least[n], most[n]);
             }
         }
     }
 }
 
+/// What holds for the places of a line in a window.
 #[inline(always)]
-fn fold_places(line: &[[f64; NUMBERS]], (first, last): Window) -> Steepness {
-    let mut most = [f64::NEG_INFINITY; NUMBERS];
-    for place in &line[first..last] {
-        for n in 0..NUMBERS {
-            most[n] = larger(most[n], place[n]);
-        }
+fn fold_places<L: Lanes>(l: L, line: &[Place], (first, last): Window) -> Steepness {
+    let mut range = Range::none(l);
+    for [least, most] in &line[first..last] {
+        range.join(l, [l.doubles(least), l.doubles(most)]);
     }
-    for n in 0..NUMBERS {
-        // Steps from the last place lead out of the window.
-        if n / 2 != 1 {
-            most[n] = larger(most[n], line[last][n]);
-        }
-    }
-    let range = |part: usize| [-most[2 * part], most[2 * part + 1]];
-    Steepness { values: range(0), slopes: [range(1), range(2), range(3)] }
+    // Steps from the last place lead out of the window.
+    let [mut least, mut most] = line[last];
+    (least[ALONG_X], most[ALONG_X]) = (f64::NAN, f64::NAN);
+    range.join(l, [l.doubles(&least), l.doubles(&most)]);
+    let [least, most] = range.numbers(l);
+    let of = |part: usize| [least[part], most[part]];
+    Steepness { values: of(0), slopes: [ALONG_X, ALONG_Y, ALONG_Z].map(of) }
 }

@@ -2,9 +2,10 @@
 
 use super::blocks::{EXISTING, NarrowBlock, ScaledBlock, gather_corners, held};
 use super::cell_shades::CellShades;
-use super::fill::{CoarserBlock, fill_holes, fill_outside};
+use super::fill::{fill_holes, fill_outside};
 use super::kept_rates::KeptRates;
 use super::margin::WholeCells;
+use super::parents::ParentRow;
 use super::relief::Relief;
 use super::steepness::Surveyor;
 use crate::cache::{Block, BrickPlace, BrickShape, Inside, RawBrick, state};
@@ -31,10 +32,11 @@ pub(crate) mod dual {
     pub(crate) const BLENDED: u8 = 3;
 }
 
-/// What takes many stored values to x, from what takes one.
+/// What takes many stored values to x, from what takes one: NaN becomes 0, and others are held to
+/// ±10³⁰.
 pub fn one_by_one(mapping: impl Fn(f32) -> f64) -> impl Fn(&[f32], &mut [f64]) {
     move |stored, out| {
-        out.iter_mut().zip(stored).for_each(|(x, stored)| *x = mapping(*stored));
+        out.iter_mut().zip(stored).for_each(|(x, stored)| *x = held(mapping(*stored)));
     }
 }
 
@@ -106,7 +108,7 @@ impl ScaledBrick {
     }
 
     /// Fills the brick from `raw`, the payload of the brick at `place`; `mapping` takes stored
-    /// values to the transfer function's x, unclamped, as many as there is room for.
+    /// values to the transfer function's x, unclamped but between ±10³⁰, as many as there is room for.
     ///
     /// # Errors
     /// A payload whose shape or states contradict `shape` or themselves.
@@ -220,7 +222,7 @@ impl ScaledBrick {
                 mapping(stored, row);
                 for (x, bits) in row.iter_mut().zip(states) {
                     let is_drawn = bits & (state::EXISTS | state::VOID) == state::EXISTS;
-                    *x = if is_drawn { held(*x) } else { f64::NAN };
+                    *x = if is_drawn { *x } else { f64::NAN };
                 }
             }
         }
@@ -234,7 +236,7 @@ impl ScaledBrick {
         mapping: impl Fn(&[f32], &mut [f64]),
     ) {
         self.reserve(raw.blocks.len());
-        let lowest = place.lowest_cell(shape);
+        let (lowest, mut row) = (place.lowest_cell(shape), ParentRow::default());
         for (up, own) in raw.blocks.iter().enumerate().rev() {
             let (lower, upper) = self.blocks.split_at_mut(up + 1);
             let block = &mut lower[up];
@@ -242,13 +244,9 @@ impl ScaledBrick {
             let shift = u32::try_from(up).unwrap_or(u32::MAX).min(126);
             block.scale = (-f64::from(shift)).exp2();
             block.corner = lowest.map(|c| (c & ((1 << shift) - 1)) as f64 * block.scale);
-            let first = lowest.map(|c| (c >> shift) - 1);
+            block.upper = lowest.map(|c| (c >> shift.saturating_sub(1) & 1) as usize);
             if let Some(above) = upper.first().filter(|_| up + 1 < raw.blocks.len()) {
-                fill_holes(
-                    block,
-                    first,
-                    &CoarserBlock { block: above, first: lowest.map(|c| (c >> shift >> 1) - 1) },
-                );
+                fill_holes(block, above, &mut row);
             }
             fill_outside(block);
         }
@@ -289,7 +287,11 @@ impl ScaledBrick {
     fn mark_holes(&mut self, raw: &[Block]) {
         let (edge, bits) = (self.edge, self.edge_bits);
         let block = &mut self.blocks[0];
-        if !state::any(&block.states, |bits| bits == 0) {
+        let none = |block: &Block, holds: fn(u8) -> bool| !state::any(&block.states, holds);
+        // No owner is void, and none is missing.
+        let all_shown = raw.iter().all(|block| none(block, |bits| bits & state::VOID != 0))
+            && raw.last().is_some_and(|last| none(last, |bits| bits & state::EXISTS == 0));
+        if all_shown || !state::any(&block.states, |bits| bits == 0) {
             return;
         }
         for z in 0..edge {

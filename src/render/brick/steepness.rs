@@ -1,11 +1,13 @@
 //! How far the values of a brick's blocks range, and their slopes, group by group.
 
 use super::blocks::ScaledBlock;
+use super::parents::{ParentRow, Parents};
 use super::ranges::Ranges;
 use super::relief::GROUP_EDGE;
 use super::scaled::{ScaledBrick, dual};
 use super::windows::{Folder, Triples, Window};
 use crate::cache::state;
+use crate::lanes::{Kernel, Lanes, Width};
 
 /// How far values of some cells range, and their slopes.
 #[derive(Debug, Clone, Copy)]
@@ -43,9 +45,6 @@ pub(crate) struct Surveyor {
     /// How values of the block in hand range, and their slopes, in each group's windows.
     of_block: Vec<Steepness>,
     differences: Vec<f64>,
-    /// A row of a coarser block on its way to a finer one's, and where each cell of that takes it.
-    row: Vec<f64>,
-    parents: Vec<[usize; 2]>,
 }
 
 /// Flags of a dual cell: it is not [`dual::PLAIN`]; it is [`dual::VOID`].
@@ -77,11 +76,10 @@ impl Surveyor {
         let (side, groups) = (edge + 2, (edge + 1).div_ceil(GROUP_EDGE));
         let of_group = size_of::<GroupSteepness>() + size_of::<Steepness>() + 9;
         let windows = 2 * 3 * groups.next_power_of_two().max(4) * size_of::<Window>();
-        let rows = side * size_of::<[f64; 3]>();
         Ranges::bytes(side)
             + Folder::<f64>::bytes(side, groups)
             + Folder::<u8>::bytes(side, groups)
-            + (groups.pow(3) * of_group + windows + rows) as u64
+            + (groups.pow(3) * of_group + windows) as u64
     }
 
     /// Looks at the groups of `brick`, which is prepared, x fastest, `side` along each edge.
@@ -260,73 +258,48 @@ impl Surveyor {
     /// The largest difference of the finer block's values to the coarser interpolant at their
     /// places, in each triple of windows.
     fn differ(&mut self, fine: &ScaledBlock, parents: &Parents<'_>) {
-        let Self { numbers, windows, differences, row: above, parents: along, .. } = self;
+        let Self { numbers, windows, differences, .. } = self;
         differences.clear();
         differences.reserve_exact(windows.iter().map(Vec::len).product());
-        along.clear();
-        along.extend((0..fine.side).map(|x| parents.along(0, x)));
+        let area = fine.side * fine.side;
         numbers.fold(
             fine.side,
             windows,
             0.0,
-            f64::max,
-            |z, plane| {
-                for (y, row) in plane.chunks_exact_mut(fine.side).enumerate() {
-                    parents.row([y, z], above);
-                    let values = fine.values[fine.at([0, y, z])..].iter().zip(along.iter());
-                    for (difference, (value, &[parent, beside])) in row.iter_mut().zip(values) {
-                        *difference = (value - (0.75 * above[parent] + 0.25 * above[beside])).abs();
-                    }
-                }
+            |most, x| if x > most { x } else { most },
+            |z, differences| {
+                let values = &fine.values[z * area..][..area];
+                Width::best().run(Differ { values, side: fine.side, parents, z, differences });
             },
             |most| differences.push(most),
         );
     }
 }
 
-/// What a coarser block says of the cells of the next finer one.
-struct Parents<'b> {
-    coarse: &'b ScaledBlock,
-    /// Which half of its parent the finer block's first cell (its ghost not counted) is.
-    upper: [usize; 3],
+/// The differences of a plane z of values to what is made of the coarser ones, compiled for the
+/// processor that the lanes are of.
+struct Differ<'d> {
+    values: &'d [f64],
+    side: usize,
+    parents: &'d Parents<'d>,
+    z: usize,
+    differences: &'d mut [f64],
 }
 
-impl<'b> Parents<'b> {
-    fn new(coarse: &'b ScaledBlock) -> Self {
-        let upper = coarse.corner.map(|corner| (2.0 * corner.fract()) as usize & 1);
-        Self { coarse, upper }
-    }
+impl Kernel for Differ<'_> {
+    type Output = ();
 
-    /// The parent of the finer block's cell `cell` along axis `a`, and its neighbour on the
-    /// cell's side; ghosts counted.
-    fn along(&self, a: usize, cell: usize) -> [usize; 2] {
-        let place = cell + 1 + self.upper[a];
-        let (parent, last) = (place / 2, self.coarse.side - 1);
-        let beside = if place.is_multiple_of(2) { parent.saturating_sub(1) } else { parent + 1 };
-        [parent.min(last), beside.min(last)]
-    }
-
-    /// The coarser values along x, interpolated at the finer block's row (y, z).
-    fn row(&self, [y, z]: [usize; 2], row: &mut Vec<f64>) {
-        let (y, z) = (self.along(1, y), self.along(2, z));
-        let side = self.coarse.side;
-        let values = |y: usize, z: usize| &self.coarse.values[self.coarse.at([0, y, z])..][..side];
-        let near = values(y[0], z[0]).iter().zip(values(y[1], z[0]));
-        let far = values(y[0], z[1]).iter().zip(values(y[1], z[1]));
-        row.clear();
-        row.extend(
-            near.zip(far).map(|((a, b), (c, d))| {
-                0.75 * (0.75 * a + 0.25 * b) + 0.25 * (0.75 * c + 0.25 * d)
-            }),
-        );
-    }
-
-    /// The cells that the interpolant draws on between those of a window along axis `a`.
-    fn around(&self, a: usize, (first, end): Window) -> Window {
-        let last = self.coarse.side - 1;
-        let low = self.along(a, first)[0].saturating_sub(1).min(last - 1);
-        let high = (self.along(a, end)[0] + 1).min(last);
-        (low, high.max(low + 1))
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        let Self { values, side, parents, z, differences } = self;
+        let mut row = ParentRow::default();
+        let rows = differences.chunks_exact_mut(side).zip(values.chunks_exact(side));
+        for (y, (differences, values)) in rows.enumerate() {
+            let above = parents.row([y, z], &mut row);
+            for ((difference, value), above) in differences.iter_mut().zip(values).zip(above) {
+                *difference = (value - above).abs();
+            }
+        }
     }
 }
 

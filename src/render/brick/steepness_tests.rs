@@ -186,7 +186,6 @@ fn a_surveyor_stays_within_its_bytes() {
         + surveyor.of_groups.capacity() * size_of::<GroupSteepness>()
         + surveyor.is_mixed.capacity()
         + surveyor.of_block.capacity() * size_of::<Steepness>()
-        + (surveyor.differences.capacity() + surveyor.row.capacity()) * size_of::<f64>()
-        + surveyor.parents.capacity() * size_of::<[usize; 2]>();
+        + surveyor.differences.capacity() * size_of::<f64>();
     assert!(held as u64 <= Surveyor::bytes(EDGE), "{held} of {}", Surveyor::bytes(EDGE));
 }

@@ -1,6 +1,8 @@
 //! Folds over overlapping windows of a cube, one axis after another: what a fold takes for each
 //! place depends on how much windows overlap along one axis, not along three.
 
+use crate::lanes::{Kernel, Lanes, Width};
+
 /// The first and last place of a window along an axis.
 pub(super) type Window = (usize, usize);
 
@@ -38,8 +40,8 @@ impl<T: Copy> Folder<T> {
         windows: &Triples,
         none: T,
         fold: impl Fn(T, T) -> T + Copy,
-        mut plane: impl FnMut(usize, &mut [T]),
-        mut found: impl FnMut(T),
+        plane: impl FnMut(usize, &mut [T]),
+        found: impl FnMut(T),
     ) {
         let area = side * side;
         for (buffer, length) in [
@@ -51,30 +53,59 @@ impl<T: Copy> Folder<T> {
             buffer.reserve_exact(length);
             buffer.resize(length, none);
         }
+        Width::best().run(Fold { folder: self, side, windows, none, fold, plane, found });
+    }
+}
+
+/// [`Folder::fold`], compiled for the processor that the lanes are of.
+struct Fold<'f, T, F, P, E> {
+    folder: &'f mut Folder<T>,
+    side: usize,
+    windows: &'f Triples,
+    none: T,
+    fold: F,
+    plane: P,
+    found: E,
+}
+
+impl<T, F, P, E> Kernel for Fold<'_, T, F, P, E>
+where
+    T: Copy,
+    F: Fn(T, T) -> T + Copy,
+    P: FnMut(usize, &mut [T]),
+    E: FnMut(T),
+{
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        let Self { folder, side, windows, none, fold, mut plane, mut found } = self;
+        let Folder { plane: in_hand, folded, line } = folder;
+        let area = side * side;
         let deep = windows[2].iter().map(|window| window.1 + 1).max().unwrap_or(0);
         for z in 0..deep {
-            plane(z, &mut self.plane);
-            for (folded, &(first, last)) in self.folded.chunks_exact_mut(area).zip(&windows[2]) {
+            plane(z, in_hand);
+            for (folded, &(first, last)) in folded.chunks_exact_mut(area).zip(&windows[2]) {
                 if (first..=last).contains(&z) {
-                    fold_into(folded, &self.plane, fold);
+                    fold_into(folded, in_hand, fold);
                 }
             }
         }
-        for folded in self.folded.chunks_exact(area) {
+        for folded in folded.chunks_exact(area) {
             for &(first, last) in &windows[1] {
-                self.line.fill(none);
+                line.fill(none);
                 for row in folded[first * side..(last + 1) * side].chunks_exact(side) {
-                    fold_into(&mut self.line, row, fold);
+                    fold_into(line, row, fold);
                 }
                 for &(first, last) in &windows[0] {
-                    found(self.line[first..=last].iter().copied().fold(none, fold));
+                    found(line[first..=last].iter().copied().fold(none, fold));
                 }
             }
         }
     }
 }
 
-#[inline]
+#[inline(always)]
 fn fold_into<T: Copy>(all: &mut [T], more: &[T], fold: impl Fn(T, T) -> T) {
     for (all, more) in all.iter_mut().zip(more) {
         *all = fold(*all, *more);

@@ -160,7 +160,8 @@ impl Tree {
 /// A payload without holes, and its counts.
 fn fill(brick: &mut RawBrick, place: &BrickPlace, record: &mut NodeRecord) {
     let shape = BrickShape::new(8).unwrap();
-    brick.reset(shape, 1);
+    *brick = RawBrick::default();
+    brick.fit(shape, 1);
     let (lowest, block) = (place.lowest_cell(shape), &mut brick.blocks[0]);
     (record.existing_cells, record.refined_cells) = (0, 0);
     for cell in (0..1000usize).map(|n| [n % 10, n / 10 % 10, n / 100]) {
