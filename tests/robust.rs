@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use deepfield::cache::{Cache, Header};
 use support::program::{end, names, run, start, written};
 use support::synth;
 
@@ -215,6 +216,44 @@ fn a_failed_ingest_leaves_the_cache_that_was_there() {
     assert!(line.contains("cpu0000"), "{line}");
     assert!(std::fs::read(&target).unwrap() == sound);
     assert_eq!(names(folder.path()), before);
+}
+
+/// A cache of several index pages with `spoil`ed bytes, and what `verify` prints of it.
+fn verified(spoil: impl Fn(&Header, &mut [u8])) -> (String, String) {
+    let (folder, source) = data("jumps");
+    let target = folder.path().join("cache.dfc");
+    run(&[&"ingest", &source, &"-o", &target, &"--brick=8", &"--derive=twice=2*Density"]).done();
+    let mut bytes = std::fs::read(&target).unwrap();
+    spoil(Cache::open(&target, 16).unwrap().header(), &mut bytes);
+    std::fs::write(&target, bytes).unwrap();
+    let ended = run(&[&"verify", &target]);
+    (ended.stdout.clone(), ended.failed())
+}
+
+#[test]
+fn a_damaged_index_page_is_one_place() {
+    const PAGE: usize = 64 << 10;
+    let (told, error) = verified(|header, bytes| {
+        assert!(header.index_pages > 1 && header.levels.len() > 2);
+        bytes[header.index_offset as usize + PAGE / 2] ^= 1;
+    });
+    assert_eq!(told.matches("index page").count(), 1, "{told}");
+    assert!(
+        told.contains("index page 0 is damaged") && error.contains("1 damaged place:"),
+        "{told}"
+    );
+    // The root is in it: nothing is reached without that.
+    let all = told.split_once(" bricks, ").unwrap().0.rsplit(' ').next().unwrap();
+    assert!(told.contains(&format!("\n{all} of {all} bricks cannot be reached: ")), "{told}");
+    assert!(told.contains("no field is undamaged") && told.contains("(1 in the index)"), "{told}");
+}
+
+#[test]
+fn damaged_padding_takes_no_field_away() {
+    let (told, error) = verified(|header, bytes| bytes[header.index_offset as usize - 1] ^= 1);
+    assert!(told.contains("damaged: the padding before the index is not empty"), "{told}");
+    assert!(told.contains("still renders: everything (1 outside all bricks)"), "{told}");
+    assert!(!told.contains("reached") && error.contains("1 damaged place:"), "{told}");
 }
 
 #[test]

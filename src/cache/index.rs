@@ -162,6 +162,7 @@ pub struct Cursor<'c> {
     header: &'c Header,
     held: [Option<(u64, Arc<Window>)>; CURSOR_WINDOWS],
     next: usize,
+    damaged_page: Option<u64>,
 }
 
 impl<'c> Cursor<'c> {
@@ -170,7 +171,12 @@ impl<'c> Cursor<'c> {
 
     /// A cursor that holds no windows yet.
     pub(super) fn new(index: &'c Index, header: &'c Header) -> Self {
-        Self { index, header, held: Default::default(), next: 0 }
+        Self { index, header, held: Default::default(), next: 0, damaged_page: None }
+    }
+
+    /// The damaged page, if that is what the last error was of: it is told once.
+    pub(super) fn take_damaged_page(&mut self) -> Option<u64> {
+        self.damaged_page.take()
     }
 
     /// The records of brick `node`.
@@ -283,7 +289,9 @@ impl<'c> Cursor<'c> {
         let Some((_, window)) = &self.held[slot] else {
             return Err(self.contradiction(node, "it is beyond the index"));
         };
-        let bytes = self.index.verified_page(window, page)?;
+        let checked = self.index.verified_page(window, page);
+        self.damaged_page = checked.is_err().then_some(page);
+        let bytes = checked?;
         Ok(read(&bytes[start..start + record_bytes(fields)]))
     }
 

@@ -31,5 +31,5 @@ pub use largest::{LeafCell, largest_leaf};
 pub use reader::Cache;
 pub(crate) use record::EMPTY_RANGE;
 pub use record::{BrickEntry, FieldRecord, NodeRecord};
-pub use verify::{Damage, Report, verify};
+pub use verify::{Damage, Part, Report, verify};
 pub use writer::Writer;

@@ -8,7 +8,7 @@ use clap::Args;
 use super::output::Output;
 use super::progress::Bar;
 use super::size;
-use crate::cache::{Cache, Cursor, Damage, Header, Report};
+use crate::cache::{Cache, Cursor, Header, Part, Report};
 use crate::{Error, Result, cache};
 
 #[derive(Debug, Args)]
@@ -55,9 +55,21 @@ fn tell(arguments: &Arguments, report: &Report, header: &Header) -> Result<()> {
         for damage in &report.listed {
             output.line(format!("damaged: {}", damage.reason))?;
         }
+        if report.unreachable > 0 {
+            output.line(unreachable(report))?;
+        }
         output.line(what_remains(report, header))?;
     }
     output.finish()
+}
+
+/// How much more than their own bytes damaged pages of the index take away.
+fn unreachable(report: &Report) -> String {
+    format!(
+        "{} of {} bricks cannot be reached: damaged pages of the index hold what it says of them, of \
+         their children or of those above them",
+        report.unreachable, report.bricks
+    )
 }
 
 fn places(damaged: u64) -> String {
@@ -70,28 +82,43 @@ fn what_remains(report: &Report, header: &Header) -> String {
         return "still renders: only what needs none of the damaged bricks (not all are listed)"
             .to_owned();
     }
-    let whole = |field: usize| {
-        let touches = |d: &Damage| d.field.is_none_or(|damaged| damaged == field);
-        !report.listed.iter().any(touches)
-    };
+    let whole = |field: usize| !report.listed.iter().any(|damage| touches(damage.part, field));
     let names = (0..header.fields.len()).filter(|&field| whole(field));
     let names: Vec<&str> = names.map(|field| header.fields[field].name.as_str()).collect();
-    let mut levels = BTreeMap::new();
-    for damage in &report.listed {
-        *levels.entry(damage.octree).or_insert(0) += 1;
-    }
-    let levels: Vec<String> = levels
-        .into_iter()
-        .map(|(level, count)| match level {
-            Some(level) => format!("{count} at octree level {level}"),
-            None => format!("{count} outside all bricks"),
-        })
-        .collect();
-    let levels = levels.join(", ");
+    let places = by_place(report);
     let views = "views that need none of the damaged bricks";
     if names.is_empty() {
-        format!("no field is undamaged; still renders: {views} ({levels})")
+        format!("no field is undamaged; still renders: {views} ({places})")
+    } else if names.len() == header.fields.len() {
+        format!("still renders: everything ({places})")
     } else {
-        format!("still renders: {}; of the other fields, {views} ({levels})", names.join(", "))
+        format!("still renders: {}; of the other fields, {views} ({places})", names.join(", "))
     }
+}
+
+/// Whether pictures of a field may need what is damaged.
+fn touches(damaged: Part, field: usize) -> bool {
+    match damaged {
+        Part::Brick { field: damaged, .. } => damaged.is_none_or(|damaged| damaged == field),
+        Part::Page => true,
+        Part::Between => false,
+    }
+}
+
+/// How many damaged places are where: bricks by level, then the index, then what lies between.
+fn by_place(report: &Report) -> String {
+    let mut bricks = BTreeMap::new();
+    let (mut pages, mut between) = (0, 0);
+    for damage in &report.listed {
+        match damage.part {
+            Part::Brick { octree, .. } => *bricks.entry(octree).or_insert(0) += 1,
+            Part::Page => pages += 1,
+            Part::Between => between += 1,
+        }
+    }
+    let bricks =
+        bricks.into_iter().map(|(level, count)| format!("{count} at octree level {level}"));
+    let pages = (pages > 0).then(|| format!("{pages} in the index"));
+    let between = (between > 0).then(|| format!("{between} outside all bricks"));
+    bricks.chain(pages).chain(between).collect::<Vec<_>>().join(", ")
 }
