@@ -266,7 +266,7 @@ fn by_content(path: &Path) -> Result<(&'static Format, PathBuf)> {
 }
 
 fn unknown(path: &Path) -> Error {
-    if let Some(error) = folder::denied(path) {
+    if let Some(error) = folder::denied(path).or_else(|| hdf5::damage(path)) {
         return error;
     }
     let known: Vec<String> = FORMATS.iter().map(|f| format!("{} ({})", f.name, f.mark)).collect();

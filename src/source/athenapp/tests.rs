@@ -38,6 +38,16 @@ fn what_an_output_says_of_itself() {
 }
 
 #[test]
+fn a_truncated_output_is_told_from_one_of_no_known_format() {
+    let output = MadeOutput::new();
+    output.write();
+    let bytes = std::fs::read(output.path()).unwrap();
+    std::fs::write(output.path(), &bytes[..bytes.len() - 1]).unwrap();
+    let error = crate::source::open(&output.path(), None).err().unwrap().to_string();
+    assert!(error.contains("truncated") && !error.contains("no known format"), "{error}");
+}
+
+#[test]
 fn a_folder_stands_for_the_one_output_in_it() {
     let output = MadeOutput::new();
     let folder = output.folder.path();

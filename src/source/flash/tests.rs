@@ -35,6 +35,22 @@ fn what_a_file_says_of_itself() {
 }
 
 #[test]
+fn a_truncated_file_is_told_from_one_of_no_known_format() {
+    let file = MadeFile::new();
+    file.write();
+    let open = |format| crate::source::open(&file.path(), format).err().unwrap().to_string();
+    let bytes = std::fs::read(file.path()).unwrap();
+    for length in [bytes.len() - 1, bytes.len() / 2] {
+        std::fs::write(file.path(), &bytes[..length]).unwrap();
+        let error = open(None);
+        assert!(error.contains("cannot be read as HDF5: "), "{error}");
+        // The C library has words of its own.
+        assert!(error.contains("truncated") && !error.contains("no known format"), "{error}");
+        assert_eq!(error, open(Some("flash")));
+    }
+}
+
+#[test]
 fn a_folder_stands_for_the_one_file_in_it() {
     let file = MadeFile::new();
     file.write();

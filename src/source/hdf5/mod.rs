@@ -373,6 +373,17 @@ pub fn is_hdf5(path: &Path) -> bool {
     starts_at(path, 0)
 }
 
+/// Why what starts as HDF5 files do cannot be read as one: it is truncated, or its root group damaged.
+/// Where no format is told by the content, that may be why.
+pub fn damage(path: &Path) -> Option<Error> {
+    let read = || {
+        let file = File::open(path)?;
+        file.members("/")?;
+        file.attributes("/")
+    };
+    is_hdf5(path).then(read)?.err()
+}
+
 /// Whether what starts as HDF5 files do stands behind a user block, of 512 bytes or twice, four times
 /// that, and so on (HDF5 File Format Specification, II.A): such files are not read.
 pub fn is_behind_user_block(path: &Path) -> bool {
