@@ -100,6 +100,30 @@ fn the_smallest_limit_is_named_works_and_gives_the_same_picture() {
 }
 
 #[test]
+fn files_of_one_picture_are_the_same_whatever_it_took() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = synth("small", folder.path()).unwrap();
+    let cache = folder.path().join("cache.dfc");
+    run(&[&"ingest", &source, &"-o", &cache, &"--brick=8"]).done();
+    for extension in ["exr", "png"] {
+        let mut picture = Picture::new(&cache, folder.path(), "linear");
+        picture.picture.set_extension(extension);
+        let text = std::fs::read_to_string(&picture.scene).unwrap();
+        for settings in ["tolerance = 0\nsamples = 1", "tolerance = \"5%\"\nsamples = \"area\""] {
+            let text = text.replace("tolerance = 0\nsamples = 1", settings);
+            std::fs::write(&picture.scene, text).unwrap();
+            let smallest = format!("{}MiB", picture.smallest("1MiB", 1));
+            let mut files = [("1GiB", 2), ("64MiB", 3), (smallest.as_str(), 1)].map(|took| {
+                picture.render(took.0, took.1).done();
+                std::fs::read(&picture.picture).unwrap()
+            });
+            files.sort();
+            assert!(files[0] == files[2], "{extension}: {settings}");
+        }
+    }
+}
+
+#[test]
 fn ingest_names_its_smallest_limit_and_gives_the_same_cache() {
     let folder = tempfile::tempdir().unwrap();
     let source = synth("jumps", folder.path()).unwrap();

@@ -140,7 +140,8 @@ fn compressed(
 }
 
 fn header(film: &Film) -> Header {
-    let channel = |(name, _)| ChannelDescription::new(Text::from(name), SampleType::F32, true);
+    // `pLinear` is for channels that are no light, as hue is: 0 for R, G, B and A.
+    let channel = |(name, _)| ChannelDescription::new(Text::from(name), SampleType::F32, false);
     let size = Vec2(film.width() as usize, film.height() as usize);
     let channels = CHANNELS.into_iter().map(channel).collect();
     let compression =

@@ -41,6 +41,7 @@ fn exr_reads_back_as_written() {
             layer.channel_data.list.iter().zip([("A", 3), ("B", 2), ("G", 1), ("R", 0)])
         {
             assert_eq!(channel.name.to_string(), name);
+            assert!(!channel.quantize_linearly, "{name}");
             let read: Vec<f32> = channel.sample_data.values_as_f32().collect();
             let written: Vec<f32> = film.pixels().iter().map(|pixel| pixel[place]).collect();
             assert_eq!(read, written, "{name}");

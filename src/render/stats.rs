@@ -102,7 +102,32 @@ pub struct Stats {
     pub threads: usize,
 }
 
+/// What of the statistics is the same in every run of one picture, whatever the time, the memory and the
+/// threads that it took; each as in [`Stats`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Certificate {
+    /// The largest error that was asked for.
+    pub tolerance: Option<f64>,
+    /// The certified bound of the largest error.
+    pub error_bound: Option<f64>,
+    /// What that is made of.
+    pub error_shares: Option<ErrorShares>,
+    /// The error in all likelihood.
+    pub error_estimate: Option<f64>,
+    /// Rays marched.
+    pub rays: u64,
+    /// Samples taken.
+    pub samples: u64,
+}
+
 impl Stats {
+    /// What the picture's own file may say of it.
+    pub fn certificate(&self) -> Certificate {
+        let Self { tolerance, error_bound, error_shares, error_estimate, .. } = *self;
+        let Self { rays, samples, .. } = *self;
+        Certificate { tolerance, error_bound, error_shares, error_estimate, rays, samples }
+    }
+
     /// Says how long opening took, seconds.
     pub fn set_opening(&mut self, seconds: f64) {
         self.open_seconds = seconds;
