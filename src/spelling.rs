@@ -1,4 +1,4 @@
-//! The nearest known word, for error messages.
+//! Known words and sizes as error messages spell them.
 
 /// Letters of a word that are compared: enough for any known word, and bounds the time.
 const MAX_COMPARED: usize = 64;
@@ -57,6 +57,14 @@ fn distance(a: &str, b: &str) -> usize {
     rows[a.len()][b.len()]
 }
 
+/// `bytes` as an option takes them, exactly: `64MiB`, `1000B`. No unit is larger, so that limits compare
+/// at a glance.
+pub(crate) fn size(bytes: u64) -> String {
+    let units = [(20, "MiB"), (10, "KiB")];
+    let whole = units.into_iter().find(|(power, _)| bytes > 0 && bytes.trailing_zeros() >= *power);
+    whole.map_or_else(|| format!("{bytes}B"), |(power, unit)| format!("{}{unit}", bytes >> power))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -93,5 +101,12 @@ mod tests {
         assert_eq!(position("A", ["x", "a"]), Some(1));
         assert_eq!(position("c", ["a", "B"]), None);
         assert_eq!(position("ab", ["aB", "Ab"]), None);
+    }
+
+    #[test]
+    fn sizes_are_exact() {
+        let sizes = [0, 1, 1000, 1 << 10, 3 << 19, (1 << 20) + 1, 1 << 30];
+        let spelt = ["0B", "1B", "1000B", "1KiB", "1536KiB", "1048577B", "1024MiB"];
+        assert_eq!(sizes.map(size), spelt);
     }
 }

@@ -151,6 +151,52 @@ fn negative_values_of_options_are_told_as_such() {
     }
 }
 
+fn recipe(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("datasets_synthetic/{name}.toml"))
+}
+
+#[test]
+fn options_that_cannot_be_read_are_wrong_usage() {
+    let set = Set::new();
+    let format = "format `ezno` is not known: there are enzo, amrex";
+    for (option, value, told) in [
+        ("--format", "ezno", format),
+        ("--derive", "foo", "it is no definition: write one as NAME=EXPRESSION"),
+        ("--derive", "foo=1", "it names no field"),
+        ("--derive", "foo=Density*", "--derive"),
+        ("--derive", "-foo", "it is no definition"),
+    ] {
+        let said = set.ingest("cache.dfc", &[option, value]).misused();
+        assert!(said.contains(told) && !said.contains("unexpected argument"), "{said}");
+    }
+    let said = run(&[&"info", &set.source, &"--format=ezno"]).misused();
+    assert!(said.contains(format), "{said}");
+    let target = set.path("out");
+    let said = run(&[&"synth", &recipe("small"), &"-o", &target, &"--format=ezno"]).misused();
+    assert!(said.contains(format) && !said.contains("output.format"), "{said}");
+}
+
+#[test]
+fn a_recipe_that_a_layout_cannot_hold_is_named_with_what_to_write() {
+    let set = Set::new();
+    let made =
+        |recipe: &Path| run(&[&"synth", &recipe, &"-o", &set.path("out"), &"--format=flash"]);
+    let line = made(&recipe("small")).failed();
+    assert!(line.contains("small.toml: output.block: [8, 8, 8]"), "{line}");
+    let (_, advice) = line.split_once(" flash: ").unwrap();
+    let (block, _) = advice.split_once(" would").unwrap();
+    let text = std::fs::read_to_string(recipe("small")).unwrap();
+    let text = text.replace("[output]", &format!("[output]\n{block}"));
+    made(&written(set.folder.path(), "other.toml", &text)).done();
+}
+
+#[test]
+fn a_file_in_place_of_a_folder_is_told() {
+    let set = Set::new();
+    let line = run(&[&"demo", &set.source]).failed();
+    assert!(line.contains("DD0000: is a file, and a folder is needed: name another"), "{line}");
+}
+
 #[test]
 fn a_size_overrides_the_scenes() {
     let set = Set::new();

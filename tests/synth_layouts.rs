@@ -112,7 +112,8 @@ fn what_a_layout_cannot_say_is_refused() {
     assert!(refused("deep48", "amrex").contains("32 bits"));
     assert!(refused("factor4", "flash").contains("needs 2"));
     let error = provided("small").with_format("amrx").unwrap_err().to_string();
-    assert!(error.contains("`amrx` is unknown: there are amrex, enzo, athena++"), "{error}");
+    let told = "output.format: format `amrx` is not known: there are amrex, enzo, athena++";
+    assert!(error.contains(told), "{error}");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::output::{Output, warn};
-use super::{ingest, progress::Bar, size};
+use super::{ingest, progress::Bar, size, values};
 use crate::cache::{Cache, CachedField, Cursor, Header, LeafCell, TreeLevel, largest_leaf};
 use crate::ingest::{Options, Progress};
 use crate::source::{self, Source};
@@ -20,7 +20,7 @@ pub(super) struct Arguments {
     #[arg(long)]
     json: bool,
     /// The input's format: enzo, amrex, athena++, flash or athena (default: told by its content)
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = values::read_format)]
     format: Option<String>,
     /// Of a simulation output, read only what describes it: no extrema, sums and leaf cells
     #[arg(long)]

@@ -31,7 +31,12 @@ pub(super) struct Arguments {
     /// A field to compute and ingest (repeat for more), as in `ram=Density*{x-velocity}^2`: of the
     /// source's fields and those computed before, with + - * / ^, sqrt, exp, log, log10, abs, min
     /// and max
-    #[arg(long, value_name = "NAME=EXPRESSION")]
+    #[arg(
+        long,
+        value_name = "NAME=EXPRESSION",
+        value_parser = values::definition,
+        allow_hyphen_values = true
+    )]
     derive: Vec<String>,
     /// Memory limit
     #[arg(
@@ -51,7 +56,7 @@ pub(super) struct Arguments {
     )]
     threads: Option<u32>,
     /// The input's format: enzo, amrex, athena++, flash or athena (default: told by its content)
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = values::read_format)]
     format: Option<String>,
     /// Leave out levels deeper than this
     #[arg(long, value_name = "L", allow_negative_numbers = true)]

@@ -56,8 +56,12 @@ pub(super) fn harmless(line: &str) -> Cow<'_, str> {
 /// Makes a folder that is to hold output, and those around it.
 ///
 /// # Errors
-/// What the system refuses to make.
+/// A file of that name, and what the system refuses to make.
 pub(super) fn make_folder(path: &Path) -> Result<()> {
+    if path.exists() && !path.is_dir() {
+        let reason = "is a file, and a folder is needed: name another";
+        return Err(Error::request(format!("{}: {reason}", path.display())));
+    }
     std::fs::create_dir_all(path)
         .map_err(|source| Error::io(path, "cannot make the folder", source))
 }

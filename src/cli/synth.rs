@@ -8,7 +8,7 @@ use super::output::Output;
 use super::progress::Bar;
 use super::{size, values};
 use crate::synth::{self, Recipe};
-use crate::{Result, text_file};
+use crate::{Error, Result, text_file};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -18,7 +18,7 @@ pub(super) struct Arguments {
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// The layout to write (default: the recipe's)
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = values::written_format)]
     format: Option<String>,
     /// Cells along each axis, of all levels, over the recipe's: the same gas in larger data
     #[arg(
@@ -36,17 +36,21 @@ pub(super) struct Arguments {
 /// # Errors
 /// A recipe that cannot be read or written out.
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    // What options make of a recipe is told by its file, as what it says itself.
+    let refused = |error| match error {
+        Error::Request(reason) => Error::invalid(arguments.recipe.display(), reason),
+        other => other,
+    };
     let mut recipe = load(&arguments.recipe)?;
     if let Some(format) = &arguments.format {
-        recipe = recipe.with_format(format)?;
+        recipe = recipe.with_format(format).map_err(refused)?;
     }
     if arguments.scale != 1.0 {
-        recipe = recipe.scaled(arguments.scale)?;
+        recipe = recipe.scaled(arguments.scale).map_err(refused)?;
     }
     let bar = Bar::new("synth", "cells");
-    let summary = synth::write(&recipe, &arguments.output, &mut |done, total| {
-        bar.show("synth", done, total);
-    })?;
+    let mut progress = |done, total| bar.show("synth", done, total);
+    let summary = synth::write(&recipe, &arguments.output, &mut progress).map_err(refused)?;
     drop(bar);
     let mut output = Output::new();
     output.line(format!(

@@ -1,9 +1,9 @@
 //! Options' values that clap has no parser for. What is none is wrong usage.
 
-use crate::Result;
 use crate::cache::BrickShape;
 use crate::scene::{ImageSettings, Samples, Tolerance};
 use crate::space::Decimal;
+use crate::{Result, derive, source, synth};
 
 /// A tolerance as text, for options that are handed on to another process.
 pub(super) fn tolerance_text(text: &str) -> Result<String> {
@@ -50,6 +50,21 @@ pub(super) fn part(text: &str) -> Result<f64, String> {
         None => number(text, is_part),
     };
     part.ok_or_else(|| "a part is a number above 0 and at most 1, or as many per cent".to_owned())
+}
+
+/// The name of a format that can be read.
+pub(super) fn read_format(text: &str) -> Result<String> {
+    source::check_format(text).map(|()| text.to_owned())
+}
+
+/// The name of a format that can be written.
+pub(super) fn written_format(text: &str) -> Result<String> {
+    synth::check_format(text).map(|()| text.to_owned())
+}
+
+/// The definition of a derived field.
+pub(super) fn definition(text: &str) -> Result<String, String> {
+    derive::check_definition(text).map(|()| text.to_owned())
 }
 
 /// A number above 0.

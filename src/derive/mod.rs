@@ -46,6 +46,32 @@ struct DerivedField {
     operands: Vec<usize>,
 }
 
+/// Whether `definition` can be read, whatever fields there are.
+///
+/// # Errors
+/// Why it cannot.
+pub fn check_definition(definition: &str) -> Result<(), String> {
+    parse(definition).map(|_| ())
+}
+
+/// Name and expression of a definition, `NAME=EXPRESSION`.
+fn parse(definition: &str) -> Result<(String, Expression), String> {
+    let (name, text) =
+        definition.split_once('=').ok_or("it is no definition: write one as NAME=EXPRESSION")?;
+    let name = name.trim();
+    if name.is_empty() || name.len() > LONGEST_NAME || name.contains(char::is_control) {
+        return Err(format!("its name must have 1 to {LONGEST_NAME} printable bytes"));
+    }
+    if name.contains(['{', '}']) {
+        return Err("its name must have no braces: they quote names in expressions".into());
+    }
+    let expression = Expression::parse(text)?;
+    if expression.names().is_empty() {
+        return Err("it names no field: it would be the same everywhere".into());
+    }
+    Ok((name.to_owned(), expression))
+}
+
 impl<'s> Derived<'s> {
     /// Adds to `source` the fields that `definitions` (`NAME=EXPRESSION`) define. An expression
     /// may name the source's fields and those defined before it, without regard to case, in braces
@@ -71,17 +97,10 @@ impl<'s> Derived<'s> {
     }
 
     fn define(&mut self, definition: &str) -> Result<(), String> {
-        let (name, text) = definition
-            .split_once('=')
-            .ok_or("it is no definition: write one as NAME=EXPRESSION")?;
-        let name = name.trim().to_owned();
-        self.check_name(&name)?;
-        let expression = Expression::parse(text)?;
+        let (name, expression) = parse(definition)?;
+        self.check_is_new(&name)?;
         let operands: Vec<usize> =
             expression.names().iter().map(|name| self.operand(name)).collect::<Result<_, _>>()?;
-        if operands.is_empty() {
-            return Err("it names no field: it would be the same everywhere".into());
-        }
         let units: Vec<Unit> =
             operands.iter().map(|&field| Unit::of(&self.hierarchy().fields[field])).collect();
         let unit = Unit::of_expression(&expression, &units)?;
@@ -94,13 +113,7 @@ impl<'s> Derived<'s> {
         Ok(())
     }
 
-    fn check_name(&self, name: &str) -> Result<(), String> {
-        if name.is_empty() || name.len() > LONGEST_NAME || name.contains(char::is_control) {
-            return Err(format!("its name must have 1 to {LONGEST_NAME} printable bytes"));
-        }
-        if name.contains(['{', '}']) {
-            return Err("its name must have no braces: they quote names in expressions".into());
-        }
+    fn check_is_new(&self, name: &str) -> Result<(), String> {
         if self.hierarchy().fields.iter().any(|field| field.name.eq_ignore_ascii_case(name)) {
             return Err(format!("there is a field `{name}` already: choose another name"));
         }

@@ -3,6 +3,7 @@
 use super::cells::CHUNK_BYTES;
 use super::store::BrickStore;
 use crate::cache::BrickShape;
+use crate::spelling::size;
 use crate::{Error, Result};
 
 /// The limit where none is given: 1 GiB.
@@ -54,7 +55,8 @@ impl Plan {
         let memory = usize::try_from(memory).unwrap_or(usize::MAX).min(isize::MAX as usize);
         if memory < SMALLEST {
             return Err(Error::request(format!(
-                "--memory {memory} bytes is too small to read an output: the smallest that works is {}MiB",
+                "--memory {} is too small to read an output: the smallest that works is {}MiB",
+                size(memory as u64),
                 SMALLEST >> 20
             )));
         }
@@ -85,8 +87,9 @@ impl Plan {
         let least = bricks.saturating_add(REST + READING + FEWEST_SOURCE_CELLS);
         if least > memory {
             return Err(Error::request(format!(
-                "--memory is too small for {fields} fields in bricks of {}³: the smallest limit that \
+                "--memory {} is too small for {fields} fields in bricks of {}³: the smallest limit that \
                  works is {}MiB; fewer fields or smaller bricks take less",
+                size(memory as u64),
                 shape.edge(),
                 least.div_ceil(1 << 20)
             )));
@@ -166,8 +169,9 @@ mod tests {
         for fields in [30, MAX_FIELDS] {
             let refusal = Plan::new(64 << 20).unwrap().shares(8, shape, fields).unwrap_err();
             let refusal = refusal.to_string();
-            let (before, _) = refusal.split_once("MiB").unwrap();
-            let least: u64 = before.rsplit(' ').next().unwrap().parse().unwrap();
+            assert!(refusal.starts_with("--memory 64MiB is too small for "), "{refusal}");
+            let (_, named) = refusal.split_once("works is ").unwrap();
+            let least: u64 = named.split_once("MiB").unwrap().0.parse().unwrap();
             assert!(Plan::new(least << 20).unwrap().shares(8, shape, fields).is_ok());
             assert!(Plan::new((least - 1) << 20).unwrap().shares(8, shape, fields).is_err());
         }

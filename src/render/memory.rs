@@ -17,6 +17,7 @@ use crate::render::transfer::pieces::TransferPieces;
 use crate::render::transfer::shading::Shading;
 use crate::render::transfer::table::TransferTable;
 use crate::scene::Interpolation;
+use crate::spelling::size;
 use crate::{Error, Result};
 
 /// Stack of every thread, bytes; `STACK_TOUCHED` of it at most become resident.
@@ -217,9 +218,10 @@ fn fixed_parts(demand: &Demand) -> Vec<(&'static str, u64)> {
 
 fn too_small(limit: u64, fewest: u64, threads: u64) -> Error {
     let mebibytes = fewest.div_ceil(MEBIBYTE);
+    let limit = size(limit);
     let advice = if threads > 1 { " (or use fewer --threads)" } else { "" };
     Error::request(format!(
-        "--memory {limit} bytes is too small for this picture: the smallest that works is \
+        "--memory {limit} is too small for this picture: the smallest that works is \
          {mebibytes}MiB{advice}"
     ))
 }
@@ -296,6 +298,7 @@ mod tests {
         let named = |threads| {
             MemoryPlan::from_demand(&demand(threads), 1).map(|_| ()).unwrap_err().to_string()
         };
+        assert!(named(2).starts_with("--memory 1B is too small for this picture: "));
         assert!(named(2).ends_with("MiB (or use fewer --threads)") && named(1).ends_with("MiB"));
     }
 

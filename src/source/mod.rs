@@ -230,15 +230,28 @@ pub fn open(path: &Path, format: Option<&str>) -> Result<Box<dyn Source>> {
     (chosen.open)(&path)
 }
 
-/// The format called `name`, and what its reader opens where `path` is named.
-fn by_name(name: &str, path: &Path) -> Result<(&'static Format, PathBuf)> {
-    let format = FORMATS.iter().find(|f| f.name.eq_ignore_ascii_case(name)).ok_or_else(|| {
+/// Whether a format of that name can be read.
+///
+/// # Errors
+/// No such format: the message names those there are.
+pub fn check_format(name: &str) -> Result<()> {
+    named(name).map(|_| ())
+}
+
+/// The format called `name`.
+fn named(name: &str) -> Result<&'static Format> {
+    FORMATS.iter().find(|format| format.name.eq_ignore_ascii_case(name)).ok_or_else(|| {
         Error::request(format!(
             "format `{}` is not known: there are {}",
             name.escape_debug(),
             nearest_first(name, FORMATS.iter().map(|f| f.name)).join(", ")
         ))
-    })?;
+    })
+}
+
+/// The format called `name`, and what its reader opens where `path` is named.
+fn by_name(name: &str, path: &Path) -> Result<(&'static Format, PathBuf)> {
+    let format = named(name)?;
     if !(format.is_one_file && path.is_dir()) {
         return Ok((format, path.to_path_buf()));
     }

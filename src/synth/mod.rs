@@ -70,15 +70,20 @@ type Write = fn(&Recipe, &Path, &mut dyn FnMut(u64, u64)) -> Result<Summary>;
 const LAYOUTS: &[Layout] =
     &[enzo::LAYOUT, amrex::LAYOUT, athenapp::LAYOUT, flash::LAYOUT, athena::LAYOUT];
 
+/// Whether a layout of that name can be written.
+///
+/// # Errors
+/// No such format: the message names those there are.
+pub fn check_format(name: &str) -> Result<()> {
+    layout(name).map(|_| ())
+}
+
 /// The layout called `name`.
 fn layout(name: &str) -> Result<&'static Layout> {
     LAYOUTS.iter().find(|layout| layout.name.eq_ignore_ascii_case(name)).ok_or_else(|| {
         let names = nearest_first(name, LAYOUTS.iter().map(|layout| layout.name));
         let name = name.escape_debug();
-        Error::request(format!(
-            "output.format: `{name}` is unknown: there are {}",
-            names.join(", ")
-        ))
+        Error::request(format!("format `{name}` is not known: there are {}", names.join(", ")))
     })
 }
 

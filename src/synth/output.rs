@@ -154,10 +154,8 @@ fn refuse_foreign(target: &Path, marked: &str) -> Result<()> {
     if empty || is_marked(&target.join(marked)) {
         return Ok(());
     }
-    Err(Error::request(format!(
-        "{}: exists and holds something else than a synthetic data set: choose another folder",
-        target.display()
-    )))
+    let reason = "exists and holds something else than a synthetic data set: choose another folder";
+    Err(Error::invalid(target.display(), reason))
 }
 
 /// Whether a file starts with [`MARK`].

@@ -91,9 +91,7 @@ impl BlockTree {
         let (size, root) = (recipe.output.block, recipe.domain.root);
         let odd = recipe.refinement.max_level > 0 && size.iter().any(|n| n % 2 == 1);
         if odd || (0..3).any(|a| size[a] == 0 || !root[a].is_multiple_of(size[a].into())) {
-            return Err(Error::request(format!(
-                "output.block: {size:?} cells must be even and divide the root grid's {root:?}"
-            )));
+            return Err(no_tiling(&recipe.output.format, size, root));
         }
         let cells: u64 = size.iter().map(|&n| u64::from(n)).product();
         let fields = recipe.output.fields.len().max(1) as u64;
@@ -193,6 +191,21 @@ impl BlockTree {
     }
 }
 
+/// An error of blocks that make no tree, and which would.
+fn no_tiling(format: &str, size: [u32; 3], root: [u64; 3]) -> Error {
+    let divides = |axis: usize, n: u32| root[axis].is_multiple_of(u64::from(n));
+    let even = |axis: usize| (1..=size[axis].max(2) / 2).map(|half| 2 * half);
+    let fitting = |axis: usize| even(axis).rfind(|&n| divides(axis, n));
+    let advice = match [0, 1, 2].map(fitting) {
+        [Some(x), Some(y), Some(z)] => format!("block = [{x}, {y}, {z}] would, or"),
+        _ => "that takes".to_owned(),
+    };
+    Error::request(format!(
+        "output.block: {size:?} cells of a block must be even and divide the root grid's {root:?} in the \
+         layout of {format}: {advice} another domain.root"
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -235,7 +248,9 @@ mod tests {
     #[test]
     fn what_is_no_tree_of_blocks_is_refused() {
         for (from, to, expected) in [
-            ("[4, 2, 6]", "[4, 2, 5]", "divide"),
+            ("[4, 2, 6]", "[4, 2, 5]", "divide the root grid's [12, 4, 12] in the layout of enzo"),
+            ("[4, 2, 6]", "[8, 3, 5]", ": block = [6, 2, 4] would, or another domain.root"),
+            ("[12, 4, 12]", "[12, 3, 12]", ": that takes another domain.root"),
             ("[4, 2, 6]", "[3, 2, 6]", "even"),
             ("[4, 2, 6]", "[0, 2, 6]", "output.block"),
             ("max_level = 3", "max_level = 3\nfactor = 4", "needs 2"),

@@ -94,7 +94,8 @@ impl Recipe {
 
     fn validate_output(&self) -> Result<()> {
         let output = &self.output;
-        crate::synth::layout(&output.format)?;
+        crate::synth::check_format(&output.format)
+            .map_err(|error| Error::request(format!("output.format: {error}")))?;
         if output.block.iter().any(|&n| n == 0 || n > 64) {
             return Err(Error::request("output.block: 1 to 64 cells along each axis"));
         }
