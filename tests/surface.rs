@@ -197,6 +197,41 @@ fn a_file_in_place_of_a_folder_is_told() {
     assert!(line.contains("DD0000: is a file, and a folder is needed: name another"), "{line}");
 }
 
+/// An AMReX plotfile of one field, called `name`.
+fn of_one_field(name: &str, folder: &Path) -> PathBuf {
+    run(&[&"synth", &recipe("jumps"), &"-o", &folder, &"--format=amrex"]).done();
+    let plotfile = std::fs::read_dir(folder).unwrap().next().unwrap().unwrap().path();
+    let header = plotfile.join("Header");
+    let text = std::fs::read_to_string(&header).unwrap();
+    assert_eq!(text.lines().nth(1), Some("1"));
+    let field = text.lines().nth(2).unwrap();
+    std::fs::write(&header, text.replacen(field, name, 1)).unwrap();
+    plotfile
+}
+
+#[test]
+fn the_only_field_is_taken_where_none_is_a_density() {
+    let folder = tempfile::tempdir().unwrap();
+    let plotfile = of_one_field("phi", &folder.path().join("run"));
+    let cache = folder.path().join("cache.dfc");
+    let ingested = |options: &[&str]| {
+        let words: [&dyn AsRef<OsStr>; 4] = [&"ingest", &plotfile, &"-o", &cache];
+        let options = options.iter().map(|option| option as &dyn AsRef<OsStr>);
+        let ended = run(&words.into_iter().chain(options).collect::<Vec<_>>());
+        let told = ended.stderr.clone();
+        ended.done();
+        let facts: Value =
+            serde_json::from_str(&run(&[&"info", &cache, &"--json"]).done()).unwrap();
+        let fields = facts["fields"].as_array().unwrap();
+        let names: Vec<_> = fields.iter().map(|f| f["name"].as_str().unwrap().to_owned()).collect();
+        (names.join(" "), told)
+    };
+    let note = "warning: no field is known as a density: took phi, the only one\n";
+    assert_eq!(ingested(&[]), ("phi".to_owned(), note.to_owned()));
+    assert_eq!(ingested(&["--field=phi"]), ("phi".to_owned(), String::new()));
+    assert_eq!(ingested(&["--derive=twice=2*phi"]), ("twice".to_owned(), String::new()));
+}
+
 #[test]
 fn a_size_overrides_the_scenes() {
     let set = Set::new();

@@ -25,7 +25,7 @@ pub(super) struct Arguments {
     /// The cache to write
     #[arg(short, long, value_name = "CACHE")]
     output: PathBuf,
-    /// A field to ingest (repeat for more; default: the density)
+    /// A field to ingest (repeat for more; default: the density, or the only field)
     #[arg(long, value_name = "NAME")]
     field: Vec<String>,
     /// A field to compute and ingest (repeat for more), as in `ram=Density*{x-velocity}^2`: of the
@@ -125,6 +125,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let header = ingest_with_bar(&source, &arguments.output, &options, &mut hear)?;
     if let Some(file) = stats_file {
         file.write(&stopwatch.stop(&source, options.memory, &header)?)?;
+    }
+    if options.fields.is_empty() && source.hierarchy().density.is_none() {
+        warn(format!(
+            "no field is known as a density: took {}, the only one",
+            header.fields[0].name
+        ));
     }
     report(&header, arguments)
 }

@@ -54,7 +54,8 @@ pub use target::{refuse_files_of, refuse_source_files};
 /// What to ingest, and how.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Names of the fields, without regard to case unless only that tells two apart; empty: the density.
+    /// Names of the fields, without regard to case unless only that tells two apart; empty: the
+    /// density, or else the only field.
     pub fields: Vec<String>,
     /// Limit of the process' memory, bytes.
     pub memory: u64,
@@ -277,7 +278,8 @@ fn choose_fields(source: &dyn Source, names: &[String]) -> Result<Vec<usize>> {
         nearest_first(name, hierarchy.fields.iter().map(|f| f.name.as_str())).join(", ")
     };
     if names.is_empty() {
-        return hierarchy.density.map(|field| vec![field]).ok_or_else(|| {
+        let only = (hierarchy.fields.len() == 1).then_some(0);
+        return hierarchy.density.or(only).map(|field| vec![field]).ok_or_else(|| {
             Error::request(format!(
                 "{}: no density field: choose with --field from {}",
                 source.path().display(),
