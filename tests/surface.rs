@@ -233,6 +233,36 @@ fn the_only_field_is_taken_where_none_is_a_density() {
 }
 
 #[test]
+fn what_a_scene_says_in_vain_is_warned_of() {
+    let set = Set::new();
+    let cache = set.cache(&[]);
+    let volume = "field = \"density\"\nabsorption = [[-28.0, 0.0], [0.5, 1.0], [1.0, 2.0]]\n\
+                  emission = [[0.0, 1.0], [1.5, 2.0]]\ncolor = [[0.0, 1, 1, 1], [2, 0, 0, 0]]";
+    let scene = set.scene("samples = 1\ntolerance = \"100%\"", volume);
+    let text = std::fs::read_to_string(&scene).unwrap();
+    let text = text.replace("[camera]\n", "[camera]\nheight = 2.0\n");
+    let scene = written(set.folder.path(), "scene.toml", &text);
+    let said = |options: &[&str]| {
+        let ended = set.render(&cache, &scene, options);
+        assert_eq!(ended.code, Some(0), "{}", ended.stderr);
+        ended.stderr
+    };
+    let all = said(&[]);
+    for told in [
+        "scene.toml:5: `height` in [camera]: has no effect: it is for projection = \"orthographic\"\n",
+        "scene.toml:13: `absorption` in [[volume]]: no value reaches x = -28.0: `range` is mapped",
+        "scene.toml:14: `emission` in [[volume]]: no value reaches x = 1.5: ",
+        "scene.toml:15: `color` in [[volume]]: no value reaches x = 2.0: ",
+    ] {
+        let line = all.lines().find(|line| line.contains(told.trim_end()));
+        assert!(line.is_some_and(|line| line.starts_with("warning: ")), "{told}: {all}");
+    }
+    assert!(all.contains("warning: the tolerance (100%) is the largest value or more: "), "{all}");
+    assert!(!said(&["--tolerance=99%"]).contains("the tolerance ("));
+    assert!(!said(&["--fixed=1,1,0"]).contains("the tolerance ("));
+}
+
+#[test]
 fn a_size_overrides_the_scenes() {
     let set = Set::new();
     let (cache, scene) = (set.cache(&[]), set.scene("samples = 1", "field = \"density\""));

@@ -111,8 +111,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     fields::check(&scene.volume.field, &cache)?;
     let opening = started.elapsed().as_secs_f64();
     let begun = Once::new();
-    let warn_of_values = || {
+    let warn_once = || {
         begun.call_once(|| {
+            warnings::of_scene(&scene, arguments.fixed.is_none());
             warnings::of_nan(&cache, &scene);
             warnings::of_log10(&cache, &scene);
         });
@@ -120,7 +121,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let bar = Bar::new("render", "tiles");
     let progress = |done, total| {
         // Not before it is certain that there is something to draw, but well before the end.
-        warn_of_values();
+        warn_once();
         bar.show("render", done, total);
     };
     let options = RenderOptions {
@@ -131,7 +132,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         resident: arguments.resident,
     };
     let mut rendered = render(&cache, &scene, &options)?;
-    warn_of_values();
+    warn_once();
     drop(bar);
     rendered.stats.set_opening(opening);
     warnings::of_bound(&rendered, &cache, &scene);

@@ -11,6 +11,18 @@ const AS_F32: f64 = 1e-6;
 /// The least that an f32 shows, which is no more than rounding of nothing.
 const NOTHING: f64 = 1e-44;
 
+/// Says so where the scene says something to no effect, or a tolerance under which it need not be drawn.
+pub(super) fn of_scene(scene: &Scene, has_tolerance: bool) {
+    scene.in_vain.iter().for_each(warn);
+    let part = as_part(scene.render.tolerance);
+    if has_tolerance && matches!(scene.render.tolerance, Tolerance::Relative(part) if part >= 1.0) {
+        warn(format!(
+            "the tolerance{part} is the largest value or more: a black picture is within it. Ask for less \
+             than 100%"
+        ));
+    }
+}
+
 /// Says so where the tolerance is not kept.
 pub(super) fn of_bound(Rendered { stats, film, .. }: &Rendered, cache: &Cache, scene: &Scene) {
     let largest = f64::from(film.largest_value());

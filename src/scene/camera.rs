@@ -63,6 +63,16 @@ impl CameraSettings {
     }
 }
 
+/// What `table` says in vain: the key of the projection that it does not choose.
+pub(super) fn in_vain(table: &Table<'_>, chosen: Projection) -> Option<String> {
+    let (key, other) = match chosen {
+        Projection::Perspective { .. } => ("height", "orthographic"),
+        Projection::Orthographic { .. } => ("fov", "perspective"),
+    };
+    let reason = format_args!("has no effect: it is for projection = \"{other}\"");
+    Some(table.get(key)?.error(reason).to_string())
+}
+
 fn parse_projection(table: &Table<'_>) -> Result<Projection> {
     let fov_degrees = positive(table, "fov", 45.0, 180.0)?;
     let height = positive(table, "height", 1.0, f64::INFINITY)?;

@@ -95,6 +95,8 @@ pub struct Scene {
     pub render: RenderSettings,
     /// What is shown.
     pub volume: VolumeSettings,
+    /// What the file says to no effect, each with its line and key, for warnings.
+    pub in_vain: Vec<String>,
     /// The file, for messages.
     pub place: String,
     /// The file's text.
@@ -133,15 +135,22 @@ impl Scene {
         })?;
         let known = ["image", "camera", "render", "volume"];
         let root = Table::new(lines, "", 0, document.get_ref(), &known)?;
+        let image = section(&root, "image", "[image]", &ImageSettings::KEYS)?
+            .map_or(Ok(ImageSettings::default()), |table| ImageSettings::parse(&table))?;
+        let camera_table = root.required("camera")?.table("[camera]", &camera::KEYS)?;
+        let camera = CameraSettings::parse(&camera_table)?;
+        let render = section(&root, "render", "[render]", &render::KEYS)?
+            .map_or(Ok(RenderSettings::default()), |table| RenderSettings::parse(&table))?;
+        let volume_table = only_volume(root.required("volume")?)?;
+        let volume = VolumeSettings::parse(&volume_table)?;
+        let mut in_vain = volume::in_vain(&volume_table, &volume);
+        in_vain.extend(camera::in_vain(&camera_table, camera.projection));
         Ok(Self {
-            image: section(&root, "image", "[image]", &ImageSettings::KEYS)?
-                .map_or(Ok(ImageSettings::default()), |table| ImageSettings::parse(&table))?,
-            camera: CameraSettings::parse(
-                &root.required("camera")?.table("[camera]", &camera::KEYS)?,
-            )?,
-            render: section(&root, "render", "[render]", &render::KEYS)?
-                .map_or(Ok(RenderSettings::default()), |table| RenderSettings::parse(&table))?,
-            volume: parse_volumes(root.required("volume")?)?,
+            image,
+            camera,
+            render,
+            volume,
+            in_vain,
             place: place.to_owned(),
             source: text.to_owned(),
         })
@@ -157,11 +166,11 @@ fn section<'a>(
     root.get(key).map(|entry| entry.table(name, known)).transpose()
 }
 
-fn parse_volumes(entry: Entry<'_>) -> Result<VolumeSettings> {
+fn only_volume(entry: Entry<'_>) -> Result<Table<'_>> {
     let volumes = entry.elements().map_err(|_| entry.error("a volume is written as [[volume]]"))?;
     match volumes.as_slice() {
         [] => Err(entry.error("a scene needs one [[volume]]")),
-        [one] => VolumeSettings::parse(&one.table("[[volume]]", &volume::KEYS)?),
+        [one] => one.table("[[volume]]", &volume::KEYS),
         [_, second, ..] => {
             Err(second.error("several volumes are not supported yet; leave one [[volume]]"))
         }

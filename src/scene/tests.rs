@@ -92,6 +92,9 @@ fn every_key_is_read() {
         let text = FULL.replace("width = 1920", &format!("width = {written}"));
         assert_eq!(parse(&text).unwrap().image.width, width, "{written}");
     }
+    let fov =
+        "scene.toml:12: `fov` in [camera]: has no effect: it is for projection = \"perspective\"";
+    assert_eq!(scene.in_vain, [fov]);
     let telescope = FULL.replace("orthographic", "perspective");
     let projection = parse(&telescope).unwrap().camera.projection;
     assert_eq!(projection, Projection::Perspective { fov_degrees: 1e-12 });

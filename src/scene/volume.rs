@@ -103,6 +103,26 @@ impl VolumeSettings {
     }
 }
 
+/// What `table` says in vain: points of tables where no value is mapped to.
+pub(super) fn in_vain(table: &Table<'_>, settings: &VolumeSettings) -> Vec<String> {
+    let list = match &settings.color {
+        ColorTable::List(list) => list.positions(),
+        ColorTable::Map(_) => &[],
+    };
+    let emission = settings.emission.as_ref().map_or(&[][..], PiecewiseLinear::positions);
+    [("absorption", settings.absorption.positions()), ("emission", emission), ("color", list)]
+        .into_iter()
+        .filter_map(|(key, positions)| {
+            let x = positions.iter().find(|x| !(0.0..=1.0).contains(*x))?;
+            let reason = format_args!(
+                "no value reaches x = {x:?}: `range` is mapped to x from 0 to 1, and what lies beyond to \
+                 its ends"
+            );
+            Some(table.get(key)?.error(reason).to_string())
+        })
+        .collect()
+}
+
 fn parse_field(entry: Entry<'_>) -> Result<String> {
     let name = entry.string()?;
     if name.trim().is_empty() {
