@@ -78,6 +78,9 @@ fn places(damaged: u64) -> String {
 
 /// What can still be rendered: fields without damage, and views that need no damaged brick.
 fn what_remains(report: &Report, header: &Header) -> String {
+    if report.unreachable == report.bricks {
+        return "nothing can be rendered".to_owned();
+    }
     if report.damaged as usize > report.listed.len() {
         return "still renders: only what needs none of the damaged bricks (not all are listed)"
             .to_owned();
