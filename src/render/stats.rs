@@ -105,7 +105,7 @@ pub struct Stats {
 /// What of the statistics is the same in every run of one picture, whatever the time, the memory and the
 /// threads that it took; each as in [`Stats`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Certificate {
+pub struct Accuracy {
     /// The largest error that was asked for.
     pub tolerance: Option<f64>,
     /// The certified bound of the largest error.
@@ -122,10 +122,10 @@ pub struct Certificate {
 
 impl Stats {
     /// What the picture's own file may say of it.
-    pub fn certificate(&self) -> Certificate {
+    pub fn accuracy(&self) -> Accuracy {
         let Self { tolerance, error_bound, error_shares, error_estimate, .. } = *self;
         let Self { rays, samples, .. } = *self;
-        Certificate { tolerance, error_bound, error_shares, error_estimate, rays, samples }
+        Accuracy { tolerance, error_bound, error_shares, error_estimate, rays, samples }
     }
 
     /// Says how long opening took, seconds.
