@@ -49,23 +49,46 @@ fn as_part(tolerance: Tolerance) -> String {
 
 /// That a bound is beyond the tolerance, which is shown as given, and what may be done about it.
 fn beyond(stats: &Stats, is_lossy: bool, bound: f64, (tolerance, shown): (f64, &str)) -> String {
-    let advice = other_advice(stats, is_lossy);
+    let (cause, advice) = (cause(stats, is_lossy), other_advice(stats, is_lossy));
     // Of single rays nothing more is known than their bound.
     match stats.error_estimate.filter(|likely| *likely < bound) {
         Some(likely) if likely <= tolerance => format!(
-            "not certified: pixels are within the tolerance of {shown} in all likelihood (off by \
-             up to {likely:.2e}), but what is certain is {bound:.2e}: for a certificate ask for a larger \
-             --tolerance{advice}"
+            "not certified: as far as rays tell, pixels are within the tolerance of {shown} (off by up \
+             to {likely:.2e}), but what is certain is {bound:.2e}{cause}: for a certificate ask for a \
+             larger --tolerance{advice}"
         ),
         likely => {
-            let likely = likely
-                .map_or_else(String::new, |likely| format!(" (by {likely:.2e} in all likelihood)"));
+            let likely = likely.map_or_else(String::new, |likely| {
+                format!(" (as far as rays tell, by {likely:.2e})")
+            });
             format!(
                 "pixels may be off by {bound:.2e}, more than the tolerance of \
-                 {shown}{likely}: ask for a larger --tolerance{advice}"
+                 {shown}{likely}{cause}: ask for a larger --tolerance{advice}"
             )
         }
     }
+}
+
+/// What makes most of a bound, where that does not show in the picture.
+fn cause(stats: &Stats, is_lossy: bool) -> String {
+    let storage = stats.error_shares.unwrap_or_default().storage;
+    match stats.pixels_unsure.unwrap_or_default() {
+        0 if is_of_storage(stats) && is_lossy => {
+            format!(" ({storage:.2e} of it by what ingest --error allowed)")
+        }
+        0 if is_of_storage(stats) => {
+            format!(" ({storage:.2e} of it because the cache holds values as f32)")
+        }
+        0 => String::new(),
+        1 => "; 1 pixel may hold features that no ray has met".to_owned(),
+        unsure => format!("; {unsure} pixels may hold features that no ray has met"),
+    }
+}
+
+/// Whether the rounding of stored values makes most of the bound.
+fn is_of_storage(stats: &Stats) -> bool {
+    let shares = stats.error_shares.unwrap_or_default();
+    shares.storage > 0.0 && shares.storage >= 0.5 * shares.total()
 }
 
 /// What else would bring the bound down, by what makes most of it.
@@ -148,4 +171,41 @@ fn extrema(CachedField { name, min, max, to_cgs, units, .. }: &CachedField, of: 
 fn field<'c>(cache: &'c Cache, scene: &Scene) -> Option<&'c CachedField> {
     let header = cache.header();
     header.field(&scene.volume.field).map(|index| &header.fields[index])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of a picture whose bound is made of these parts by pixels' areas, by levels and by storage.
+    fn warning([pixel_area, levels, storage]: [f64; 3], estimate: f64, unsure: u64) -> String {
+        let mut stats = Stats { pixels_unsure: Some(unsure), ..Stats::default() };
+        stats.error_estimate = Some(estimate);
+        let shares = stats.error_shares.insert(Default::default());
+        (shares.pixel_area, shares.levels, shares.storage) = (pixel_area, levels, storage);
+        beyond(&stats, false, pixel_area + levels + storage, (1e-3, "1.00e-3 (0.1%)"))
+    }
+
+    #[test]
+    fn what_rays_tell_is_not_said_to_be_more() {
+        let within = warning([1.5, 0.0, 0.0], 5e-4, 12);
+        assert_eq!(
+            within,
+            "not certified: as far as rays tell, pixels are within the tolerance of 1.00e-3 (0.1%) (off \
+             by up to 5.00e-4), but what is certain is 1.50e0; 12 pixels may hold features that no ray \
+             has met: for a certificate ask for a larger --tolerance or for --samples N"
+        );
+        let beyond = warning([1.5, 0.0, 0.0], 1.5, 1);
+        assert!(beyond.contains("(0.1%); 1 pixel may hold") && !beyond.contains("rays tell"));
+    }
+
+    #[test]
+    fn rounding_of_what_is_stored_is_named_where_it_makes_the_bound() {
+        let stored = warning([0.0, 1e-4, 5e-3], 5.1e-3, 0);
+        assert!(
+            stored.contains("(5.00e-3 of it because the cache holds values as f32)"),
+            "{stored}"
+        );
+        assert!(!warning([0.0, 2e-2, 5e-3], 2.5e-2, 0).contains("f32"));
+    }
 }

@@ -148,6 +148,7 @@ pub fn render(cache: &Cache, scene: &Scene, options: &RenderOptions<'_>) -> Resu
     stats.error_bound = outcome.error.map(|error| error.shares.total());
     stats.error_shares = outcome.error.map(|error| error.shares);
     stats.error_estimate = outcome.error.map(|error| error.estimate);
+    stats.pixels_unsure = outcome.error.map(|error| error.unsure);
     stats.peak_rss_bytes = peak_rss_bytes();
     stats.load_seconds = load_seconds;
     stats.render_seconds = started.elapsed().as_secs_f64() - load_seconds;

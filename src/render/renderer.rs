@@ -389,6 +389,7 @@ fn worst(errors: &[TileError]) -> TileError {
         fallen: std::array::from_fn(|n| most.fallen[n] + error.fallen[n]),
         rays_needed: most.rays_needed + error.rays_needed,
         beyond: most.beyond + error.beyond,
+        unsure: most.unsure + error.unsure,
     })
 }
 

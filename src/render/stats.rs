@@ -98,6 +98,10 @@ pub struct Stats {
     /// the tolerance, as the differences of its rays tell (three standard deviations); elsewhere
     /// the bound. No certificate. Null for settings by hand.
     pub error_estimate: Option<f64>,
+    /// Pixels that may hold more than four tolerances of light that no ray has met, as far as bounds
+    /// tell: all their rays are dark, or of part of them there is one ray alone, for want of more. The
+    /// estimate of the former does not know of it. Null for settings by hand.
+    pub pixels_unsure: Option<u64>,
     /// Threads that march.
     pub threads: usize,
 }

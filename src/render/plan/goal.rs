@@ -132,4 +132,6 @@ pub(crate) struct TileError {
     pub(crate) rays_needed: f64,
     /// How many of its pixels need more than any may take.
     pub(crate) beyond: u64,
+    /// How many of them may hold what no ray has met.
+    pub(crate) unsure: u64,
 }

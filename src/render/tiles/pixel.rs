@@ -178,6 +178,11 @@ impl Pixel {
         ErrorShares { pixel_area, ..self.shares }
     }
 
+    /// Whether of part of it nothing is known but one ray.
+    pub(super) fn is_partly_unknown(&self) -> bool {
+        self.alone.unknown + self.alone.lost.unknown > 0
+    }
+
     /// What it is off by beside its mean: what was taken as it is, and what rays themselves are off
     /// by.
     pub(super) fn beside_mean(&self) -> f64 {

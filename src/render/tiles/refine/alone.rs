@@ -204,6 +204,15 @@ impl TilePixels {
         })
     }
 
+    /// Whether a pixel that may be off by `bound` may hold what no ray has met: of part of it there is
+    /// one ray alone, or all of them are dark.
+    pub(super) fn is_unsure(&self, pixel: &Pixel, bound: f64) -> bool {
+        self.goal.is_some_and(|goal| {
+            let is_dark = pixel.value.iter().all(|&value| value <= darkness(&goal));
+            bound > FAR * goal.tolerance && (is_dark || pixel.is_partly_unknown())
+        })
+    }
+
     /// Whether neither a pixel's first ray nor that of a square of it has met anything that counts, and
     /// yet something may be there that does: the tip of what shines covers little of its pixel, and
     /// none of those beside it.
