@@ -120,3 +120,47 @@ fn a_fused_product_is_at_most_rounding_away() {
         assert!((width.run(Fused) - (1.1 * 2.3 - 0.7)).abs() < 3e-7, "{width:?}");
     }
 }
+
+/// Four doubles of two tables from some index on: as they are, their differences, the smaller, the larger.
+struct OfDoubles<'t> {
+    tables: [&'t [f64]; 2],
+    index: usize,
+}
+
+impl Kernel for &OfDoubles<'_> {
+    type Output = [[f64; 4]; 5];
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> [[f64; 4]; 5] {
+        let [a, b] = self.tables.map(|table| l.doubles_at(table, self.index));
+        let all = [a, b, l.sub_doubles(a, b), l.min_doubles(a, b), l.max_doubles(a, b)];
+        all.map(|x| l.of_doubles(l.doubles(&l.of_doubles(x))))
+    }
+}
+
+proptest! {
+    #[test]
+    fn doubles_are_those_of_the_tables(
+        pairs in prop::collection::vec((any::<f64>(), prop_oneof![any::<f64>(), Just(f64::NAN)]), 0..12),
+        index in prop_oneof![0..14_usize, Just(usize::MAX), Just(usize::MAX - 3)],
+    ) {
+        let tables: (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
+        let of = OfDoubles { tables: [&tables.0, &tables.1], index };
+        let at = |n: usize| pairs.get(index.checked_add(n)?).copied();
+        let pairs: [_; 4] = std::array::from_fn(|n| at(n).unwrap_or((f64::NAN, f64::NAN)));
+        let expected = [
+            pairs.map(|(a, _)| a),
+            pairs.map(|(_, b)| b),
+            pairs.map(|(a, b)| a - b),
+            pairs.map(|(a, b)| if a < b { a } else { b }),
+            pairs.map(|(a, b)| if a > b { a } else { b }),
+        ];
+        for width in Width::all() {
+            for (found, expected) in width.run(&of).as_flattened().iter().zip(expected.as_flattened()) {
+                // Which zero of two is left open.
+                let is_same = found == expected || found.is_nan() && expected.is_nan();
+                prop_assert!(is_same, "{width:?}: {found} {expected}");
+            }
+        }
+    }
+}

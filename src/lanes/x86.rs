@@ -2,7 +2,7 @@
 //!
 //! One of the project's three rooms with unsafe code. Two things make it sound: a value of [`Avx2`]
 //! or [`Avx512`] exists only where the processor has the instructions, so that any of its methods
-//! may use them; and what reads memory clamps every index to its table first.
+//! may use them; and what reads memory clamps every index to its table, or checks it, first.
 #![allow(unsafe_code, clippy::needless_range_loop)]
 
 use std::arch::x86_64::*;
