@@ -94,9 +94,8 @@ pub struct Stats {
     pub error_bound: Option<f64>,
     /// What the bound of the worst pixel is made of.
     pub error_shares: Option<ErrorShares>,
-    /// What the picture's pixels are off by in all likelihood: where the bound of a pixel is above
-    /// the tolerance, as the differences of its rays tell (three standard deviations); elsewhere
-    /// the bound. No certificate. Null for settings by hand.
+    /// What the picture's pixels are off by as far as rays tell: where the bound of a pixel is above
+    /// the tolerance, by the differences of its rays (three standard deviations); elsewhere the bound. No certificate. Null for settings by hand.
     pub error_estimate: Option<f64>,
     /// Pixels that may hold more than four tolerances of light that no ray has met, as far as bounds
     /// tell: all their rays are dark, or of part of them there is one ray alone, for want of more. The
