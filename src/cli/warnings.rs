@@ -69,15 +69,33 @@ fn beyond(stats: &Stats, is_lossy: bool, bound: f64, (tolerance, shown): (f64, &
     }
 }
 
-/// What makes most of a bound, where that does not show in the picture.
+/// What makes most of a bound.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Most {
+    PixelArea,
+    Storage,
+    Other,
+}
+
+fn most_of_bound(stats: &Stats) -> Most {
+    let shares = stats.error_shares.unwrap_or_default();
+    let rest = shares.total() - shares.storage - shares.pixel_area;
+    if shares.pixel_area >= rest.max(shares.storage) {
+        Most::PixelArea
+    } else if shares.storage >= rest {
+        Most::Storage
+    } else {
+        Most::Other
+    }
+}
+
+/// What of a bound does not show in the picture.
 fn cause(stats: &Stats, is_lossy: bool) -> String {
-    let storage = stats.error_shares.unwrap_or_default().storage;
     match stats.pixels_unsure.unwrap_or_default() {
-        0 if is_of_storage(stats) && is_lossy => {
-            format!(" ({storage:.2e} of it by what ingest --error allowed)")
-        }
-        0 if is_of_storage(stats) => {
-            format!(" ({storage:.2e} of it because the cache holds values as f32)")
+        0 if most_of_bound(stats) == Most::Storage => {
+            let storage = stats.error_shares.unwrap_or_default().storage;
+            let why = if is_lossy { "of ingest --error" } else { "the cache holds values as f32" };
+            format!(" ({storage:.2e} of it because {why})")
         }
         0 => String::new(),
         1 => "; 1 pixel may hold features that no ray has met".to_owned(),
@@ -85,24 +103,15 @@ fn cause(stats: &Stats, is_lossy: bool) -> String {
     }
 }
 
-/// Whether the rounding of stored values makes most of the bound.
-fn is_of_storage(stats: &Stats) -> bool {
-    let shares = stats.error_shares.unwrap_or_default();
-    shares.storage > 0.0 && shares.storage >= 0.5 * shares.total()
-}
-
 /// What else would bring the bound down, by what makes most of it.
 fn other_advice(stats: &Stats, is_lossy: bool) -> &'static str {
-    let shares = stats.error_shares.unwrap_or_default();
-    let rest = shares.total() - shares.storage - shares.pixel_area;
-    if shares.pixel_area >= rest.max(shares.storage) {
-        " or for --samples N"
-    } else if shares.storage >= rest && is_lossy {
-        ", for a cache without --error, or for a transfer function that is less steep"
-    } else if shares.storage >= rest {
-        " or for a transfer function that is less steep"
-    } else {
-        ""
+    match most_of_bound(stats) {
+        Most::PixelArea => " or for --samples N",
+        Most::Storage if is_lossy => {
+            ", for a cache without --error, or for a transfer function that is less steep"
+        }
+        Most::Storage => " or for a transfer function that is less steep",
+        Most::Other => "",
     }
 }
 

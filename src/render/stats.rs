@@ -95,7 +95,8 @@ pub struct Stats {
     /// What the bound of the worst pixel is made of.
     pub error_shares: Option<ErrorShares>,
     /// What the picture's pixels are off by as far as rays tell: where the bound of a pixel is above
-    /// the tolerance, by the differences of its rays (three standard deviations); elsewhere the bound. No certificate. Null for settings by hand.
+    /// the tolerance, by the differences of its rays (three standard deviations); elsewhere the bound.
+    /// No certificate. Null for settings by hand.
     pub error_estimate: Option<f64>,
     /// Pixels that may hold more than four tolerances of light that no ray has met, as far as bounds
     /// tell: all their rays are dark, or of part of them there is one ray alone, for want of more. The
@@ -115,8 +116,10 @@ pub struct Accuracy {
     pub error_bound: Option<f64>,
     /// What that is made of.
     pub error_shares: Option<ErrorShares>,
-    /// The error in all likelihood.
+    /// The error as far as rays tell.
     pub error_estimate: Option<f64>,
+    /// Pixels that may hold what no ray has met.
+    pub pixels_unsure: Option<u64>,
     /// Rays marched.
     pub rays: u64,
     /// Samples taken.
@@ -126,9 +129,18 @@ pub struct Accuracy {
 impl Stats {
     /// What the picture's own file may say of it.
     pub fn accuracy(&self) -> Accuracy {
-        let Self { tolerance, error_bound, error_shares, error_estimate, .. } = *self;
+        let Self { tolerance, error_bound, error_shares, error_estimate, pixels_unsure, .. } =
+            *self;
         let Self { rays, samples, .. } = *self;
-        Accuracy { tolerance, error_bound, error_shares, error_estimate, rays, samples }
+        Accuracy {
+            tolerance,
+            error_bound,
+            error_shares,
+            error_estimate,
+            pixels_unsure,
+            rays,
+            samples,
+        }
     }
 
     /// Says how long opening took, seconds.

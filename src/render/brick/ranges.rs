@@ -1,6 +1,5 @@
 //! Ranges of a block's values and of their slopes, window by window: one axis after another, whole
 //! planes at a time.
-#![allow(clippy::needless_range_loop)]
 
 use super::steepness::Steepness;
 use super::windows::{Triples, Window};

@@ -103,3 +103,32 @@ fn a_brick_used_again_forgets_and_stays_within_its_bytes() {
         }
     }
 }
+
+#[test]
+fn holes_lie_in_the_right_half_of_their_parents_far_below_these() {
+    const UP: usize = 60;
+    let shape = BrickShape::new(8).unwrap();
+    let mut raw = RawBrick::default();
+    raw.fit(shape, UP + 1);
+    // Only the root's block has values: along x they rise by 1 a cell.
+    let root = &mut raw.blocks[UP];
+    for (at, (value, bits)) in root.values.iter_mut().zip(&mut root.states).enumerate() {
+        (*value, *bits) = ((at % 3) as f32 - 1.0, state::EXISTS);
+    }
+    // So many ones that an f64 would round them up to the root's upper half.
+    let place = BrickPlace { tree_level: 60, octree: 60, coordinates: [(1 << 56) - 1; 3] };
+    let mut brick = ScaledBrick::new();
+    let map = one_by_one(f64::from);
+    brick.prepare(&raw, &place, shape, map, Interpolation::Linear).unwrap();
+    let lowest = place.lowest_cell(shape)[0];
+    for (up, block) in brick.blocks[..UP].iter().enumerate() {
+        let from_root = |cell: usize| {
+            let lower = ((lowest >> up) - 1 + cell as i128) as f64;
+            (lower + 0.5) * ((up as f64) - UP as f64).exp2() - 0.5
+        };
+        for x in 0..block.side {
+            let (found, expected) = (block.values[block.at([x, 1, 1])], from_root(x));
+            assert!((found - expected).abs() < 1e-12, "{up} levels up, {x}: {found} {expected}");
+        }
+    }
+}

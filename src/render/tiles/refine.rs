@@ -394,7 +394,7 @@ impl TilePixels {
             let rays = self.foreseen(n, shares.pixel_area, power);
             error.rays_needed += rays.clamp(1.0, MOST_NEEDED);
             error.beyond += u64::from(rays > MOST_NEEDED);
-            error.unsure += u64::from(self.is_unsure(pixel, total));
+            error.unsure += u64::from(self.is_unsure(pixel, shares.pixel_area));
         }
         error
     }

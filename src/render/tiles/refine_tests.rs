@@ -474,6 +474,26 @@ fn tips_in_dark_pixels_are_seen() {
 }
 
 #[test]
+fn rays_that_are_the_truth_miss_nothing() {
+    let scene = scene("samples = 1", 9, 7);
+    let grid = PixelGrid::new(&view(&scene), scene.render.samples);
+    let mut tile_pixels = TilePixels::default();
+    tile_pixels.start(&grid, grid.whole(), &Method::Within(goal(u64::MAX, false)));
+    let shares = ErrorShares { storage: 100.0 * TOLERANCE, ..ErrorShares::default() };
+    let dark = |square: &Square| Found {
+        square: *square,
+        value: [0.0; 4],
+        shares: shares.into(),
+        uneven: None,
+    };
+    while let Some(batch) = tile_pixels.next(&grid) {
+        tile_pixels.judge(&grid, &batch, batch.squares.iter().map(dark));
+    }
+    let error = tile_pixels.error();
+    assert!(error.shares.storage > 50.0 * TOLERANCE && error.unsure == 0, "{error:?}");
+}
+
+#[test]
 fn what_is_dark_goes_by_the_light_expected_too() {
     // A tolerance of a fifth of it: much less than that is not dark yet.
     let goal = Goal { glint_halvings: 3, tolerance: 0.2, ..likely(false) };

@@ -204,8 +204,8 @@ impl TilePixels {
         })
     }
 
-    /// Whether a pixel that may be off by `bound` may hold what no ray has met: of part of it there is
-    /// one ray alone, or all of them are dark.
+    /// Whether a pixel whose area may be off by `bound` may hold what no ray has met: of part of it there
+    /// is one ray alone, or all of them are dark.
     pub(super) fn is_unsure(&self, pixel: &Pixel, bound: f64) -> bool {
         self.goal.is_some_and(|goal| {
             let is_dark = pixel.value.iter().all(|&value| value <= darkness(&goal));
