@@ -14,6 +14,8 @@ use crate::render::transfer::storage::Storage;
 
 /// Dual cells (with `cell`: cells) along a group's edge.
 pub(crate) const GROUP_EDGE: usize = 4;
+/// Rounding of the interpolant, of the largest value.
+const VALUE_ROUNDING: f64 = 1e-12;
 
 /// A cube of [`GROUP_EDGE`]³ dual cells. Ranges and slopes take in one dual cell more on every
 /// side, as far as the brick knows it.
@@ -230,6 +232,26 @@ impl Relief {
             all.span = Span { variation, jumps, ..all.span };
         }
         Cow::Owned(all)
+    }
+
+    /// What holds of what `group` knows in all places that are within `away` (cells along each axis) of one
+    /// at which the interpolant is `x`.
+    pub(crate) fn close_to(
+        &self,
+        group: &Group,
+        x: f64,
+        away: [f64; 3],
+        pieces: &PieceList,
+    ) -> Group {
+        let largest = group.low.abs().max(group.high.abs());
+        let over = (0..3).map(|a| group.slope[a] * away[a]).sum::<f64>() + VALUE_ROUNDING * largest;
+        let [low, high] = [(x - over).max(group.low), (x + over).min(group.high)];
+        if low <= high {
+            let off = group.storage.most() + group.thinned + self.levels_reach;
+            Group { low, high, span: pieces.over(low - off, high + off), ..*group }
+        } else {
+            *group
+        }
     }
 }
 

@@ -91,6 +91,14 @@ proptest! {
             DVec3::new(along(0), along(1), along(2))
         };
         let value = |at: DVec3| brick.value_at(at, DrawnNeighbours::ALL);
+        let middle = value(near(&[0.0; 3]));
+        let close = brick.relief.close_to(&group, middle, [reach; 3], &pieces);
+        prop_assert!(close.low >= group.low && close.high <= group.high);
+        prop_assert!(close.high - close.low <= 2.1 * reach * group.slope.iter().sum::<f64>() + 1e-9);
+        for place in &places {
+            let x = value(near(place));
+            prop_assert!((close.low..=close.high).contains(&x), "{x} {close:?}");
+        }
         for pair in places.windows(2) {
             let (a, b) = (near(&pair[0]), near(&pair[1]));
             let most: f64 = (0..3).map(|n| group.slope[n] * (a[n] - b[n]).abs()).sum();
@@ -100,6 +108,9 @@ proptest! {
             prop_assert!((p[1] - q[1]).abs() <= change.extinction + 1e-9, "{a} {b} {group:?}");
             let emission = group.span.most.emission;
             prop_assert!(p[0] <= emission + 1e-9 && (p[0] - q[0]).abs() <= change.emission + 1e-9);
+            prop_assert!(p[0] <= close.span.most.emission + 1e-9);
+            prop_assert!(p[1] <= close.span.most.extinction + 1e-9);
+            prop_assert!((p[1] - q[1]).abs() <= close.change(most).extinction + 1e-9);
         }
     }
 }

@@ -3,13 +3,18 @@
 
 use std::borrow::Cow;
 
+use glam::DVec3;
+
 use super::brick_account::{BrickAccount, DomainEnd, PathSegment};
-use super::ray::{Beam, rounding};
+use super::ray::{Beam, rounding, spread_of};
 use super::ray_state::RayState;
-use crate::render::brick::passage::{ALL_FACES, Region};
+use crate::render::bounds::ray_error::RayError;
+use crate::render::bounds::touch::Spread;
+use crate::render::brick::passage::{ALL_FACES, Passage, Region};
 use crate::render::brick::relief::Group;
 use crate::render::brick::walk::Crossings;
 use crate::render::camera::frame::LocalRay;
+use crate::render::transfer::pieces::PieceList;
 
 /// A ray's way beside a brick is looked at in parts of this many cells.
 const PART_CELLS: f64 = 2.0;
@@ -21,6 +26,8 @@ const MOST_SLANT: f64 = 0.5;
 
 /// A ray that stands for a square, at a brick.
 pub(super) struct Visit<'v> {
+    pub(super) passage: &'v Passage<'v>,
+    pub(super) pieces: &'v PieceList,
     pub(super) ray: &'v LocalRay,
     pub(super) region: &'v Region,
     pub(super) beam: &'v Beam,
@@ -48,8 +55,20 @@ impl Rim {
 }
 
 impl Visit<'_> {
+    /// Adds to an account what the rays of the square see beside this one. Returns how far these are.
+    pub(super) fn arrive(&self, error: &mut RayError) -> Spread {
+        let Self { passage, ray, region, beam, span, .. } = *self;
+        let spread = spread_of(ray, region, span, beam);
+        if beam.is_square() {
+            let mut account =
+                BrickAccount::new(&passage.brick.relief, error, passage.hides, spread);
+            self.look_beside(&mut account);
+        }
+        spread
+    }
+
     /// Adds to an account what other rays of the square meet beside this one, or miss.
-    pub(super) fn look_beside(&self, account: &mut BrickAccount<'_>) {
+    fn look_beside(&self, account: &mut BrickAccount<'_>) {
         let Self { ray, region, beam, .. } = *self;
         let spread = account.spread();
         let crossings = Crossings::new(ray, region.lo, region.hi);
@@ -114,14 +133,23 @@ impl Visit<'_> {
         (to - from) * self.ray.direction.abs().max_element()
     }
 
-    /// What holds around a stretch of σ.
+    /// What holds around a stretch of σ. Groups are wide where cells are: where the transfer function
+    /// changes over a group's values, those around the stretch follow from one of them and from slopes.
     fn around<'a>(&self, account: &BrickAccount<'a>, (from, to): (f64, f64)) -> Cow<'a, Group> {
-        let Self { ray, region, .. } = *self;
-        let middle = 0.5 * (from + to);
+        let Self { passage: Passage { brick, drawn, .. }, ray, region, pieces, .. } = *self;
+        let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
         let point = std::array::from_fn(|a| {
             (ray.origin[a] + ray.direction[a] * middle).clamp(region.lo[a], region.hi[a])
         });
-        account.group_near(point, 0.5 * self.cells((from, to)))
+        let group = account.group_near(point, 0.5 * self.cells((from, to)));
+        let follows = !brick.is_piecewise_constant() && !group.has_void && !account.is_wide();
+        if !follows || group.span.is_constant() {
+            return group;
+        }
+        let spread = account.spread();
+        let away = std::array::from_fn(|a| spread[a] + half * ray.direction[a].abs());
+        let x = brick.value_at(DVec3::from_array(point), *drawn);
+        Cow::Owned(brick.relief.close_to(&group, x, away, pieces))
     }
 
     /// Cuts a stretch of σ into parts that are looked at with what holds around each, or around all if

@@ -93,7 +93,8 @@ pub(crate) fn march(
         return span.map_or(0, |span| march_through(passage, ray, span, light, state, account));
     };
     let before = *error;
-    let spread = arrive(passage, ray, &region, span, beam, state, error);
+    let visit = Visit { passage, pieces: light.pieces, ray, region: &region, beam, state, span };
+    let spread = visit.arrive(error);
     let mut count = 0;
     if let Some(span) = span {
         let account = BrickAccount::new(&passage.brick.relief, error, passage.hides, spread);
@@ -119,26 +120,6 @@ fn march_through(
         march_linear(passage, &region, ray, span, &mut integrator, account);
     }
     integrator.count
-}
-
-/// A ray comes to a brick, of which it meets `span` or nothing: adds what the rays of its square
-/// see beside it. Returns how far these are.
-pub(super) fn arrive(
-    passage: &Passage<'_>,
-    ray: &LocalRay,
-    region: &Region,
-    span: Option<(f64, f64)>,
-    beam: &Beam,
-    state: &RayState,
-    error: &mut RayError,
-) -> Spread {
-    let spread = spread_of(ray, region, span, beam);
-    if !beam.is_square() {
-        return spread;
-    }
-    let mut account = BrickAccount::new(&passage.brick.relief, error, passage.hides, spread);
-    Visit { ray, region, beam, state, span }.look_beside(&mut account);
-    spread
 }
 
 /// How far the rays of a square are from `ray` at most, in a brick of which it meets `span` or nothing.

@@ -17,6 +17,11 @@ pub(crate) struct Span {
 }
 
 impl Span {
+    /// Whether the function is the same everywhere over the range.
+    pub(crate) fn is_constant(&self) -> bool {
+        self.variation == Change::default() && self.jumps == Change::default()
+    }
+
     /// The larger of each.
     pub(crate) fn max(self, other: Self) -> Self {
         Self {

@@ -226,3 +226,25 @@ fn stored_values_count_of_all_rays_of_a_square() {
         assert!(beside > 0, "{interpolation:?}");
     }
 }
+
+/// A ramp, and a transfer function that steps on it: squares cells away from the step are certain, though
+/// groups at which their rays enter bricks reach over it, and squares across it are not.
+#[test]
+fn what_shines_cells_away_is_not_counted_at_a_bricks_faces() {
+    let data = TestData::one_level(|_, [x, ..]| 0.1 * (x - 8) as f64);
+    let function = transfer(&[(0.0, 0.0)], &[(0.0, 0.0), (0.35, 0.0), (0.35, 5.0), (1.0, 5.0)]);
+    let transfer = TransferPieces::new(&function, |_| 0.0);
+    let scene = camera([1.5, 0.5, 0.5], [0.1, 1.0, 3.0], 30.0, Some(2.0));
+    let linear = Interpolation::Linear;
+    let stage = Stage::new(&data, 0, &all_bricks(), &scene, &function, &transfer, linear);
+    let steps = |part: &Part, n: usize| part.brick.relief.group(n).span.jumps.emission > 0.0;
+    assert!(stage.parts.iter().any(|part| steps(part, 0) && steps(part, 1)));
+    let bound = |x: f64| {
+        let (state, error) = stage.gather(&square(x, 3.0, 2), Way::Alone);
+        error.shares([0.0; 3], state.opacity(), stage.brightest, 0.0).pixel_area
+    };
+    for x in [0.625, 0.875, 1.125, 1.375, 1.625] {
+        assert_eq!(bound(x), 0.0, "{x}");
+    }
+    assert!(bound(4.375) > 1.0);
+}

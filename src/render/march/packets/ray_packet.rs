@@ -9,11 +9,12 @@ use crate::render::bounds::ray_error::RayError;
 use crate::render::bounds::sums::Sums;
 use crate::render::bounds::touch::Spread;
 use crate::render::march::absorb::Integrator;
+use crate::render::march::beside::Visit;
 use crate::render::march::blend::BlendRoom;
 use crate::render::march::brick_account::BrickAccount;
 use crate::render::march::linear::{DualCells, pass_dual_cell};
 use crate::render::march::packet::{March, Packet, PacketBrick, SLACK};
-use crate::render::march::ray::{Beam, arrive, leave, march, spread_of};
+use crate::render::march::ray::{Beam, leave, march, spread_of};
 use crate::render::march::ray_state::RayState;
 use crate::render::transfer::rounded::up;
 
@@ -151,10 +152,11 @@ impl RayPacket {
         let span = (self.packet.active >> lane & 1 == 1).then(|| self.lane_rays.span(lane));
         let (state, error) = (&mut gathered.states[*index], &mut gathered.errors[*index]);
         let before = *error;
+        let Place { passage, region, light, .. } = place;
         let spread = if self.are_proxies {
-            spread_of(ray, &place.region, span, beam)
+            spread_of(ray, region, span, beam)
         } else {
-            arrive(place.passage, ray, &place.region, span, beam, state, error)
+            Visit { passage, pieces: light.pieces, ray, region, beam, state, span }.arrive(error)
         };
         let is_wide = spread.cells.iter().any(|spread| *spread > 1.0 - f64::from(SLACK));
         let mut single = 0;
