@@ -193,8 +193,12 @@ fn a_recipe_that_a_layout_cannot_hold_is_named_with_what_to_write() {
 #[test]
 fn a_file_in_place_of_a_folder_is_told() {
     let set = Set::new();
-    let line = run(&[&"demo", &set.source]).failed();
-    assert!(line.contains("DD0000: is a file, and a folder is needed: name another"), "{line}");
+    for line in [
+        run(&[&"demo", &set.source]).failed(),
+        run(&[&"synth", &recipe("small"), &"-o", &set.source]).failed(),
+    ] {
+        assert!(line.contains("DD0000: is a file, and a folder is needed: name another"), "{line}");
+    }
 }
 
 /// An AMReX plotfile of one field, called `name`.

@@ -58,12 +58,21 @@ pub(super) fn harmless(line: &str) -> Cow<'_, str> {
 /// # Errors
 /// A file of that name, and what the system refuses to make.
 pub(super) fn make_folder(path: &Path) -> Result<()> {
+    check_folder(path)?;
+    std::fs::create_dir_all(path)
+        .map_err(|source| Error::io(path, "cannot make the folder", source))
+}
+
+/// Refuses what is no folder in the place of one that is to hold output.
+///
+/// # Errors
+/// A file of that name.
+pub(super) fn check_folder(path: &Path) -> Result<()> {
     if path.exists() && !path.is_dir() {
         let reason = "is a file, and a folder is needed: name another";
         return Err(Error::request(format!("{}: {reason}", path.display())));
     }
-    std::fs::create_dir_all(path)
-        .map_err(|source| Error::io(path, "cannot make the folder", source))
+    Ok(())
 }
 
 fn failed(source: std::io::Error) -> Error {

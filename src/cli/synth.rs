@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::output::Output;
+use super::output::{self, Output};
 use super::progress::Bar;
 use super::{size, values};
 use crate::synth::{self, Recipe};
@@ -41,6 +41,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         Error::Request(reason) => Error::invalid(arguments.recipe.display(), reason),
         other => other,
     };
+    output::check_folder(&arguments.output)?;
     let mut recipe = load(&arguments.recipe)?;
     if let Some(format) = &arguments.format {
         recipe = recipe.with_format(format).map_err(refused)?;

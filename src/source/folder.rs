@@ -83,6 +83,12 @@ pub(super) fn denied(path: &Path) -> Option<Error> {
     Some(Error::io(path, "cannot open the input", error))
 }
 
+/// The first that `fault` finds of the files directly in `folder`, if it is a folder.
+pub(super) fn first_fault(folder: &Path, fault: impl Fn(&Path) -> Option<Error>) -> Option<Error> {
+    let files = distinct(first_entries(folder, MOST_TRIED).ok()?);
+    files.iter().find_map(|file| fault(file))
+}
+
 /// The first file in `folder` that may not be read, if it is a folder.
 pub(super) fn denied_within(folder: &Path) -> Option<PathBuf> {
     let entries = std::fs::read_dir(folder).ok()?;

@@ -279,7 +279,8 @@ fn by_content(path: &Path) -> Result<(&'static Format, PathBuf)> {
 }
 
 fn unknown(path: &Path) -> Error {
-    if let Some(error) = folder::denied(path).or_else(|| hdf5::damage(path)) {
+    let damaged = || hdf5::damage(path).or_else(|| folder::first_fault(path, hdf5::damage));
+    if let Some(error) = folder::denied(path).or_else(damaged) {
         return error;
     }
     let known: Vec<String> = FORMATS.iter().map(|f| format!("{} ({})", f.name, f.mark)).collect();

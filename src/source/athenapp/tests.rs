@@ -43,8 +43,12 @@ fn a_truncated_output_is_told_from_one_of_no_known_format() {
     output.write();
     let bytes = std::fs::read(output.path()).unwrap();
     std::fs::write(output.path(), &bytes[..bytes.len() - 1]).unwrap();
-    let error = crate::source::open(&output.path(), None).err().unwrap().to_string();
-    assert!(error.contains("truncated") && !error.contains("no known format"), "{error}");
+    std::fs::write(output.folder.path().join("notes.txt"), "text").unwrap();
+    for path in [&output.path(), output.folder.path()] {
+        let error = crate::source::open(path, None).err().unwrap().to_string();
+        assert!(error.contains("truncated") && !error.contains("no known format"), "{error}");
+        assert!(error.contains("run.out1.00001.athdf"), "{error}");
+    }
 }
 
 #[test]
