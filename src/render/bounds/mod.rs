@@ -3,7 +3,7 @@
 mod causes;
 pub(super) mod crossing;
 pub(super) mod grade;
-pub(super) mod lent;
+pub(super) mod proxy_error;
 pub(super) mod ray_error;
 pub(super) mod shares;
 pub(super) mod sums;

@@ -10,7 +10,7 @@
 //! 1 − T with j = κ.
 
 use super::causes::Causes;
-use super::lent::Lent;
+use super::proxy_error::ProxyError;
 use super::shares::ErrorShares;
 use super::sums::{Sums, larger, product};
 
@@ -77,9 +77,9 @@ impl RayError {
 
     /// What a ray adds to the accounts of others in whose place it was marched, with so much
     /// `transmittance` at the start: it stands for a square that holds them.
-    pub(crate) fn lent(&self, transmittance: f64) -> Lent {
+    pub(crate) fn of_proxy(&self, transmittance: f64) -> ProxyError {
         let seen = |sums: Sums| sums.seen_through(transmittance.recip());
-        Lent {
+        ProxyError {
             causes: self.causes.seen_through(transmittance.recip()),
             apart: seen(self.farthest),
             bent: seen(self.uneven),
@@ -92,12 +92,18 @@ impl RayError {
         self.causes.of_stored(is_rounded)
     }
 
-    /// Adds what was lent to a ray with so much `transmittance` that had gathered so much `light`.
-    pub(crate) fn borrow(&mut self, lent: &Lent, transmittance: f64, light: [f64; 3]) {
+    /// Adds what proxies make a ray be off by that takes what they gathered, with so much
+    /// `transmittance` left, after it had gathered so much `light`.
+    pub(crate) fn take_from_proxies(
+        &mut self,
+        proxies: &ProxyError,
+        transmittance: f64,
+        light: [f64; 3],
+    ) {
         let before = self.own_extinction();
-        self.causes = self.causes.plus(lent.causes.seen_through(transmittance));
-        self.proxies = self.proxies.plus(lent.apart.seen_through(transmittance));
-        self.quadrature += lent.quadrature * transmittance;
+        self.causes = self.causes.plus(proxies.causes.seen_through(transmittance));
+        self.proxies = self.proxies.plus(proxies.apart.seen_through(transmittance));
+        self.quadrature += proxies.quadrature * transmittance;
         self.place_behind(light, before);
     }
 

@@ -3,19 +3,19 @@
 //! affordable number of rays brings bounds within the goal, pixels are refined until their estimated
 //! error is.
 
-mod alone;
 mod batch;
-mod firsts;
+mod border_rays;
+mod first_rays;
 mod neighbours;
 mod next;
 mod prospect;
 mod ray_count;
-mod rim;
 mod sounding;
 mod trial;
+mod uncertified;
 
 pub(crate) use self::batch::Batch;
-use self::firsts::Firsts;
+use self::first_rays::FirstRays;
 use self::next::{Next, movable};
 use self::prospect::GroupInHand;
 use self::ray_count::RayCount;
@@ -73,14 +73,14 @@ pub(crate) struct TilePixels {
     fallen: [f64; 2],
     trial: Trial,
     group: Option<GroupInHand>,
-    firsts: Firsts,
+    first_rays: FirstRays,
 }
 
 impl TilePixels {
     /// Bytes that these take: pixels, the batch in hand and what it finds, and squares that
     /// wait.
     pub(crate) const BYTES: u64 = Waiting::BYTES
-        + Firsts::BYTES
+        + FirstRays::BYTES
         + RayCount::BYTES
         + (BATCH_RAYS
             * (size_of::<Pixel>()
@@ -93,7 +93,7 @@ impl TilePixels {
         self.pixels.clear();
         self.pixels.resize(rect.count(), Pixel::default());
         self.rect = rect;
-        self.firsts.clear(PixelOrder::of(&rect), rect.count());
+        self.first_rays.clear(PixelOrder::of(&rect), rect.count());
         self.rays.clear(rect.count());
         let mut squares = Vec::new();
         grid.first_squares(&rect, &mut squares);
@@ -116,15 +116,15 @@ impl TilePixels {
         let has_area = grid.has_area();
         let (again, wholes) = Default::default();
         let [care, before] = [Care::Rough; 2];
-        let first = Batch { squares, cut, care, before, has_area, is_rim: false, again, wholes };
+        let first = Batch { squares, cut, care, before, has_area, is_border: false, again, wholes };
         self.first = Some(first);
     }
 
     /// The next rays to march; none when all pixels are known.
     pub(crate) fn next(&mut self, grid: &PixelGrid) -> Option<Batch> {
         let first = self.first.take();
-        let batch = first.or_else(|| self.rim_batch(grid)).or_else(|| self.most_urgent(grid))?;
-        if batch.is_rim {
+        let batch = first.or_else(|| self.border_batch(grid)).or_else(|| self.most_urgent(grid))?;
+        if batch.is_border {
             return Some(batch);
         }
         if batch.has_area || !grid.has_area() {
@@ -155,8 +155,17 @@ impl TilePixels {
             squares.extend(wholes.iter().flat_map(quarters));
             if !squares.is_empty() {
                 let ToDo { cut, before, care, alone, .. } = to_do;
-                let (has_area, is_rim) = (grid.has_area() && !alone, false);
-                return Some(Batch { squares, cut, care, before, has_area, is_rim, again, wholes });
+                let (has_area, is_border) = (grid.has_area() && !alone, false);
+                return Some(Batch {
+                    squares,
+                    cut,
+                    care,
+                    before,
+                    has_area,
+                    is_border,
+                    again,
+                    wholes,
+                });
             }
         }
         None
@@ -186,7 +195,7 @@ impl TilePixels {
                     _ if self.may_hide(harm, bound) => true,
                     0 => {
                         let pixel = usize::from(found.square.pixel);
-                        harm > self.little(median) && self.firsts.stands_out(pixel, bound)
+                        harm > self.little(median) && self.first_rays.stands_out(pixel, bound)
                     }
                     _ => harm > self.little(SMALL_HARM * median),
                 };
@@ -280,8 +289,8 @@ impl TilePixels {
         outcome: impl Iterator<Item = Found>,
     ) {
         let mut outcome: Vec<_> = outcome.collect();
-        if batch.is_rim {
-            self.firsts.note_rim(&outcome);
+        if batch.is_border {
+            self.first_rays.note_border(&outcome);
             return;
         }
         if let Some(sounding) = self.sounding.take() {
@@ -291,7 +300,7 @@ impl TilePixels {
         let mut next = Next::default();
         let alone = grid.has_area() && !batch.has_area;
         if !alone && grid.has_area() {
-            self.firsts.note(batch, &outcome);
+            self.first_rays.note(batch, &outcome);
         }
         if !alone {
             batch.hand_down(grid, self, &mut outcome);
@@ -403,7 +412,7 @@ impl TilePixels {
     /// power of their number.
     fn foreseen(&self, pixel: usize, bound: f64, power: f64) -> f64 {
         let tolerance = self.goal.map_or(f64::INFINITY, |goal| goal.tolerance);
-        self.firsts.marched(pixel) * (bound / tolerance).powf(power.recip())
+        self.first_rays.marched(pixel) * (bound / tolerance).powf(power.recip())
     }
 
     /// The tile's pixels, row by row: R, G, B, A.
@@ -412,7 +421,7 @@ impl TilePixels {
         self.finished.resize(self.pixels.len(), [0.0; 4]);
         let width = self.rect.columns().len();
         for (number, pixel) in self.pixels.iter().enumerate() {
-            let [x, y] = self.firsts.place(number);
+            let [x, y] = self.first_rays.place(number);
             let place = y as usize * width + x as usize;
             // Light is not negative, but by the rounding of sums.
             self.finished[place] = pixel.value.map(|c| if c < 0.0 { 0.0 } else { c as f32 });

@@ -168,7 +168,7 @@ fn an_outlook_quarters_pixels_once_whatever_finer_levels_took() {
         let outlook = Goal { most_halvings: 1, alone_per_pixel: 1, has_area: true, ..goal };
         let mut tile_pixels = TilePixels::default();
         draw(&mut tile_pixels, "\"area\"", outlook, &errors);
-        let marched: Vec<_> = (0..63).map(|pixel| tile_pixels.firsts.marched(pixel)).collect();
+        let marched: Vec<_> = (0..63).map(|pixel| tile_pixels.first_rays.marched(pixel)).collect();
         assert!(marched.iter().all(|&rays| rays == 1.0 || rays == 5.0), "{marched:?}");
         marched.iter().filter(|&&rays| rays == 5.0).count()
     };
@@ -238,7 +238,7 @@ fn likely(certifies: bool) -> Goal {
 }
 
 /// Rays on the outer sides of a tile none of whose pixels is close enough by its first ray.
-fn rim(width: u64, height: u64) -> u64 {
+fn border(width: u64, height: u64) -> u64 {
     4 * (width + height)
 }
 
@@ -259,7 +259,7 @@ fn draw_light(
         rays += batch.squares.len() as u64;
         let outcome = |square: &Square| Found {
             square: *square,
-            value: [light(if batch.is_rim { square.place() } else { square.centre }); 4],
+            value: [light(if batch.is_border { square.place() } else { square.centre }); 4],
             shares: ErrorShares {
                 pixel_area: if batch.has_area { bound(square) } else { 0.0 },
                 ..ErrorShares::default()
@@ -270,7 +270,7 @@ fn draw_light(
         tile_pixels.judge(&grid, &batch, batch.squares.iter().map(outcome));
     }
     for (n, pixel) in tile_pixels.pixels.iter().enumerate() {
-        let [x, y] = tile_pixels.firsts.place(n).map(|n| n as usize);
+        let [x, y] = tile_pixels.first_rays.place(n).map(|n| n as usize);
         check(x, y, pixel);
     }
     (rays, tile_pixels.error())
@@ -358,7 +358,7 @@ fn where_no_bound_will_do_pixels_are_within_the_tolerance_all_the_same() {
     assert!(rays < 63 * 352, "{rays}");
     // What is even takes but a few.
     let (rays, _) = draw_light([9, 7], likely(true), |_| 0.5, bound, |_, _, _| {});
-    assert!(rays <= 63 * 21 + rim(9, 7), "{rays}");
+    assert!(rays <= 63 * 21 + border(9, 7), "{rays}");
     // So it does where bounds fell at first: that squares are even is known by then.
     let falls =
         |square: &Square| 60.0 * TOLERANCE * 4.6f64.powi(-i32::from(square.halvings.min(2)));
@@ -392,9 +392,9 @@ fn pixels_that_their_neighbours_predict_take_one_ray() {
     });
     assert!(error.estimate <= TOLERANCE && error.shares.total() > TOLERANCE);
     // One for each, four more for a witness in sixteen, and some for the bump.
-    assert!((1024 + 256 + rim(64, 16)..6 * 1024).contains(&rays), "{rays}");
+    assert!((1024 + 256 + border(64, 16)..6 * 1024).contains(&rays), "{rays}");
     let (rays, _) = draw_light([64, 16], likely(false), |[x, _]| 0.01 * x, hopeless, |_, _, _| {});
-    assert_eq!(rays, 1024 + 256 + rim(64, 16));
+    assert_eq!(rays, 1024 + 256 + border(64, 16));
 }
 
 #[test]
@@ -469,7 +469,7 @@ fn tips_in_dark_pixels_are_seen() {
     assert!((63 * 20..63 * 30).contains(&few), "{few}");
     // By their bounds there is nothing: five rays do.
     let (rays, error) = draw_light([9, 7], goal, |_| 0.0, |_| 0.02, |_, _, _| {});
-    assert!(rays <= 63 * 5 + rim(9, 7), "{rays}");
+    assert!(rays <= 63 * 5 + border(9, 7), "{rays}");
     assert_eq!(error.unsure, 0);
 }
 
@@ -531,7 +531,7 @@ fn worst_of_edges(rows: std::ops::Range<f64>) -> f64 {
     };
     let goal = Goal { alone_per_pixel: 256, tolerance: 1e-6, ..likely(false) };
     let (rays, error) = draw_light([64, 16], goal, light, hopeless, |_, _, _| {});
-    assert!(rays <= 257 * 64 * 16 + rim(64, 16), "{rays}");
+    assert!(rays <= 257 * 64 * 16 + border(64, 16), "{rays}");
     error.estimate
 }
 

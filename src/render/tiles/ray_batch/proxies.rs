@@ -16,7 +16,7 @@ use glam::DVec2;
 use super::faces::at_faces;
 use super::lattice::Lattice;
 use super::*;
-use crate::render::bounds::lent::Lent;
+use crate::render::bounds::proxy_error::ProxyError;
 use crate::render::bounds::sums::Sums;
 use crate::render::camera::view::Basis;
 
@@ -43,7 +43,7 @@ const FARTHEST: f64 = TILE_SIDE as f64;
 #[derive(Debug, Clone, Copy, Default)]
 struct ProxyResult {
     gathered: Gathered,
-    account: Lent,
+    account: ProxyError,
     is_wanted: bool,
     /// Whether it needs no more, and may have ended in the brick.
     is_done: bool,
@@ -100,7 +100,7 @@ impl Proxies {
     }
 
     /// How far a block's rays may be off.
-    fn account(&self, corners: [usize; 4]) -> Lent {
+    fn account(&self, corners: [usize; 4]) -> ProxyError {
         let [a, b, c, d] = corners.map(|corner| &self.results[corner].account);
         a.max(b).max(c).max(d)
     }
@@ -340,7 +340,7 @@ impl RayBatch {
         block: PixelRect,
         pixels: &PixelRect,
         corners: [usize; CORNERS],
-        account: &Lent,
+        account: &ProxyError,
         light: &Light<'_>,
     ) -> usize {
         let mut served = 0;
@@ -361,7 +361,7 @@ impl RayBatch {
                     (ends, at_v) = (self.proxies.row(corners, v), v);
                 }
                 let state = &mut self.states[index];
-                self.errors[index].borrow(account, state.transmittance, state.radiance);
+                self.errors[index].take_from_proxies(account, state.transmittance, state.radiance);
                 state.take(between(ends[0], ends[1], u));
                 self.served[index / 64] |= 1 << (index % 64);
                 served += 1;
@@ -388,7 +388,7 @@ impl ProxyResult {
         let absorbed = (transmittance - state.transmittance) + state.transmittance_excess;
         let [r, g, b] = state.radiance;
         let gathered = [r, g, b, state.transmittance, absorbed].map(|x| x * seen);
-        let account = error.lent(transmittance);
+        let account = error.of_proxy(transmittance);
         Self { gathered, account, is_wanted: true, is_done: false }
     }
 
@@ -416,7 +416,7 @@ impl ProxyResult {
             dimmed: absorbed,
             extinction: -through.max(f64::MIN_POSITIVE).ln(),
         };
-        let Lent { apart, bent, .. } = &mut self.account;
+        let ProxyError { apart, bent, .. } = &mut self.account;
         *bent = bent.plus(all.times(bend)).plus(apart.times(slope));
         *apart = apart.plus(all.times(slope + bend));
     }

@@ -156,9 +156,9 @@ fn smooth_bricks_take_few_rays() {
         (samples, batch.states[SIDE as usize + 1].radiance)
     };
     let (all, found) = draw(None);
-    let (few, lent) = draw(Some(1.0));
+    let (few, taken) = draw(Some(1.0));
     assert!(few * 128 <= all, "{few} of {all}");
-    assert!((found[0] - lent[0]).abs() < 1e-4 * found[0], "{found:?} {lent:?}");
+    assert!((found[0] - taken[0]).abs() < 1e-4 * found[0], "{found:?} {taken:?}");
     assert_eq!(draw(Some(1e-9)), (all, found));
 }
 

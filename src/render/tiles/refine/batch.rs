@@ -3,7 +3,7 @@
 use std::array::from_fn;
 
 use super::TilePixels;
-use super::alone::ALONE_SHARE;
+use super::uncertified::ALONE_SHARE;
 use crate::render::bounds::grade::Care;
 use crate::render::camera::rays::{PixelGrid, Square};
 use crate::render::plan::cut::Cut;
@@ -22,7 +22,7 @@ pub(crate) struct Batch {
     /// Whether they stand for their squares, not for themselves.
     pub(crate) has_area: bool,
     /// Whether they are at the tile's outer sides, only to tell of these.
-    pub(super) is_rim: bool,
+    pub(super) is_border: bool,
     /// What squares that are marched again were found to be before, in order.
     pub(super) again: Vec<Found>,
     /// What the others are quarters of, likewise; neither for a tile's first rays.
@@ -53,7 +53,12 @@ impl Batch {
             // Their rays lie at their centres.
             let is_aligned = grid.has_edges_along(&whole.square);
             let of_quarter = |n: usize, uneven: Unevenness| {
-                uneven.of_quarter(n, values, tile_pixels.firsts.around(&quarters[n]), is_aligned)
+                uneven.of_quarter(
+                    n,
+                    values,
+                    tile_pixels.first_rays.around(&quarters[n]),
+                    is_aligned,
+                )
             };
             let each: [_; 4] = from_fn(|n| uneven.map(|uneven| of_quarter(n, uneven)));
             for (quarter, uneven) in quarters.iter_mut().zip(each) {

@@ -1,7 +1,7 @@
 //! Pixels that are taken by their first ray, as those of their neighbours tell.
 
 use super::TilePixels;
-use super::alone::ALONE_SHARE;
+use super::uncertified::ALONE_SHARE;
 use crate::render::bounds::shares::ErrorShares;
 use crate::render::tiles::waiting::Found;
 
@@ -17,12 +17,12 @@ impl TilePixels {
     /// it. Returns whether they do.
     pub(super) fn take_by_neighbours(&mut self, found: &Found) -> bool {
         let pixel = usize::from(found.square.pixel);
-        let is_asked = found.square.halvings == 0 && !self.firsts.is_witness(pixel);
+        let is_asked = found.square.halvings == 0 && !self.first_rays.is_witness(pixel);
         if !is_asked || self.is_unknown(pixel) || self.is_off_itself(found) {
             return false;
         }
-        let Some(predicted) = self.firsts.predict(pixel) else { return false };
-        let doubt = DOUBTS * self.firsts.doubt_around(pixel);
+        let Some(predicted) = self.first_rays.predict(pixel) else { return false };
+        let doubt = DOUBTS * self.first_rays.doubt_around(pixel);
         let beside = self.pixels[pixel].beside_mean() + found.own();
         if predicted.likely() + predicted.most_bend() + doubt > self.room_for_mean(beside) {
             return false;
@@ -44,7 +44,7 @@ impl TilePixels {
     fn is_unknown(&self, pixel: usize) -> bool {
         self.goal.is_none_or(|goal| {
             goal.least_halvings > 0
-                || self.firsts.first_bound(pixel) > UNKNOWN * goal.behind
+                || self.first_rays.first_bound(pixel) > UNKNOWN * goal.behind
                 || self.is_dark_by_chance(&goal, pixel)
         })
     }

@@ -83,7 +83,7 @@ impl TilePixels {
     fn needed(&self, number: usize, bounds: &[f64], power: f64) -> f64 {
         let first = number * GROUP_PIXELS;
         let still = bounds.iter().enumerate().map(|(n, bound)| {
-            let marched = self.firsts.marched(first + n);
+            let marched = self.first_rays.marched(first + n);
             (self.foreseen(first + n, *bound, power).min(MOST_NEEDED) - marched).max(0.0)
         });
         self.rays.others() as f64 + still.sum::<f64>()

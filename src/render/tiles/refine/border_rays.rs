@@ -3,7 +3,7 @@
 //! enough by their first ray take others on their outer sides, in the middle and at the ends, which
 //! tell the same.
 
-use super::firsts::Firsts;
+use super::first_rays::FirstRays;
 use super::{Batch, TilePixels};
 use crate::render::bounds::grade::Care;
 use crate::render::camera::rays::{PixelGrid, Square, TILE_SIDE};
@@ -20,7 +20,7 @@ const AT_END: f64 = 0.5;
 
 /// Values on the outer sides of a tile, half a pixel apart.
 #[derive(Default)]
-pub(super) struct Rim {
+pub(super) struct BorderRays {
     values: [Vec<Option<[f32; 4]>>; 4],
     is_marched: bool,
 }
@@ -30,7 +30,7 @@ fn tangent(side: usize) -> usize {
     1 - side / 2
 }
 
-impl Rim {
+impl BorderRays {
     /// Bytes that it takes.
     pub(super) const BYTES: u64 =
         4 * (2 * TILE_SIDE as u64 + 1) * size_of::<Option<[f32; 4]>>() as u64;
@@ -56,16 +56,16 @@ impl Rim {
 impl TilePixels {
     /// The rays on outer sides of pixels that may be off by more than the tolerance, once the first
     /// ray of each is known.
-    pub(super) fn rim_batch(&mut self, grid: &PixelGrid) -> Option<Batch> {
+    pub(super) fn border_batch(&mut self, grid: &PixelGrid) -> Option<Batch> {
         let goal = self.goal.filter(|goal| grid.has_area() && !goal.all_levels)?;
-        if std::mem::replace(&mut self.firsts.rim.is_marched, true) {
+        if std::mem::replace(&mut self.first_rays.border.is_marched, true) {
             return None;
         }
-        let is_open = |pixel: &usize| self.firsts.first_bound(*pixel) > goal.tolerance;
+        let is_open = |pixel: &usize| self.first_rays.first_bound(*pixel) > goal.tolerance;
         let mut squares = Vec::new();
         for pixel in (0..self.pixels.len()).filter(is_open) {
-            let place = self.firsts.place(pixel);
-            for towards in self.firsts.towards_rim(place, is_open) {
+            let place = self.first_rays.place(pixel);
+            for towards in self.first_rays.towards_rim(place, is_open) {
                 squares.push(Square {
                     centre: [0, 1].map(|a| f64::from(self.rect.lo[a] + place[a]) + 0.5),
                     offset: towards.map(|towards| towards as i16 * TO_SIDE),
@@ -76,13 +76,13 @@ impl TilePixels {
         }
         let (again, wholes) = Default::default();
         let (cut, care) = (goal.first_cut(), Care::Rough);
-        let (has_area, is_rim, before) = (false, true, care);
-        let batch = Batch { squares, cut, care, before, has_area, is_rim, again, wholes };
+        let (has_area, is_border, before) = (false, true, care);
+        let batch = Batch { squares, cut, care, before, has_area, is_border, again, wholes };
         (!batch.squares.is_empty()).then_some(batch)
     }
 }
 
-impl Firsts {
+impl FirstRays {
     /// Where on the outer sides of the pixel at `place` rays are wanted, from its centre. Those at an
     /// end are the next pixel's as well.
     fn towards_rim(
@@ -112,14 +112,14 @@ impl Firsts {
     }
 
     /// Notes what rays on outer sides have found.
-    pub(super) fn note_rim(&mut self, outcome: &[Found]) {
+    pub(super) fn note_border(&mut self, outcome: &[Found]) {
         for found in outcome {
             let towards = found.square.offset.map(|offset| i32::from(offset.signum()));
             let place = self.order.place(usize::from(found.square.pixel));
             for side in 0..4 {
                 let at = (2 * place[tangent(side)] + 1).checked_add_signed(towards[tangent(side)]);
                 let is_here = self.is_outer(place, towards, side);
-                let known = at.and_then(|at| self.rim.values[side].get_mut(at as usize));
+                let known = at.and_then(|at| self.border.values[side].get_mut(at as usize));
                 if let (true, Some(known)) = (is_here, known) {
                     *known = Some(found.value.map(|channel| channel as f32));
                 }
@@ -132,7 +132,7 @@ impl Firsts {
     pub(super) fn beyond_rim(&self, place: [u32; 2], side: usize, value: &[f64; 4]) -> f64 {
         let change =
             |outer: [f64; 4]| (0..4).map(|c| (outer[c] - value[c]).abs()).fold(0.0, f64::max);
-        self.rim.values(place, side).map(|(_, outer)| change(outer)).fold(0.0, f64::max)
+        self.border.values(place, side).map(|(_, outer)| change(outer)).fold(0.0, f64::max)
     }
 
     /// By how much values change at an outer side of the pixel at `place`, as far as that is known: no
@@ -163,6 +163,6 @@ impl Firsts {
             let most = (0..4).map(|c| (outer[c] - own[c]).abs().min(rough(c))).fold(0.0, f64::max);
             if along == 0.0 { most } else { AT_END * most }
         };
-        self.rim.values(place, side).map(change).fold(0.0, f64::max)
+        self.border.values(place, side).map(change).fold(0.0, f64::max)
     }
 }

@@ -7,7 +7,7 @@
 //! than they predicted, those around it are believed by as much less.
 
 use super::Batch;
-use super::rim::{Rim, SIDES};
+use super::border_rays::{BorderRays, SIDES};
 use crate::render::camera::pixel_order::{BLOCK, PixelOrder};
 use crate::render::camera::rays::{BATCH_RAYS, TILE_SIDE};
 use crate::render::tiles::unevenness::{SquareSides, Unevenness};
@@ -34,7 +34,7 @@ struct First {
 
 /// What the first ray of each pixel of a tile has found, and rays on the tile's outer sides.
 #[derive(Default)]
-pub(super) struct Firsts {
+pub(super) struct FirstRays {
     /// Where each pixel lies in the tile.
     pub(super) order: PixelOrder,
     /// Of each pixel.
@@ -42,18 +42,18 @@ pub(super) struct Firsts {
     /// By how much, in each block of pixels, a mean has differed from what neighbours predicted.
     doubts: Vec<f64>,
     /// What lies on the tile's outer sides.
-    pub(super) rim: Rim,
+    pub(super) border: BorderRays,
 }
 
-impl Firsts {
+impl FirstRays {
     /// Bytes that it takes.
-    pub(super) const BYTES: u64 =
-        Rim::BYTES + (BATCH_RAYS * size_of::<First>() + MOST_BLOCKS * size_of::<f64>()) as u64;
+    pub(super) const BYTES: u64 = BorderRays::BYTES
+        + (BATCH_RAYS * size_of::<First>() + MOST_BLOCKS * size_of::<f64>()) as u64;
 
     /// Forgets what it knows, for so many pixels in this order.
     pub(super) fn clear(&mut self, order: PixelOrder, count: usize) {
         self.order = order;
-        self.rim.clear([order.width(), order.height()]);
+        self.border.clear([order.width(), order.height()]);
         self.each.clear();
         self.each.resize(count, First::default());
         let [columns, rows] = self.blocks();

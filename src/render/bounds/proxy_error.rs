@@ -1,4 +1,4 @@
-//! What rays may be off by that take what others have gathered.
+//! What rays may be off by that take what proxies, marched in their place, have gathered.
 
 use super::causes::Causes;
 use super::sums::{Sums, product};
@@ -6,7 +6,7 @@ use super::sums::{Sums, product};
 /// What rays are off by that take what others have gathered in a brick, by cause, for a transmittance
 /// of 1 in front of it.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Lent {
+pub(crate) struct ProxyError {
     /// What those that were marched are off by.
     pub(super) causes: Causes,
     /// Difference of the rays to the one that was marched.
@@ -16,7 +16,7 @@ pub(crate) struct Lent {
     pub(super) quadrature: f64,
 }
 
-impl Lent {
+impl ProxyError {
     /// Takes `apart` to be what a mean of rays is off by, weighted so that their displacements
     /// cancel, in place of a ray between them: none is farther from it than `apart` says, and what is
     /// linear cancels, but for what transmittances differ by. With k = ∫ |Δκ| ds these do so by a
@@ -65,24 +65,24 @@ mod tests {
 
     /// Rays between those that were marched may see more of what lies behind by a factor of e^k.
     #[test]
-    fn what_is_lent_grows_by_what_transmittances_differ_by() {
+    fn what_proxies_make_grows_by_what_transmittances_differ_by() {
         let sums = Sums { emission: 0.5, dimmed: 0.25, extinction: 0.25 };
         let apart = Sums { extinction: 0.5, ..Sums::default() };
         let causes = Causes { levels: sums, digits: sums, storage: sums, march: sums };
         let mut error = RayError::default();
         (error.causes, error.quadrature, error.farthest) = (causes, 0.5, apart);
-        let mut lent = error.lent(1.0);
-        lent.cancel();
+        let mut proxies = error.of_proxy(1.0);
+        proxies.cancel();
         let grown = Sums { emission: 0.5, dimmed: 0.25, extinction: 0.0 }.times(0.5_f64.exp());
         let grown_each = Sums { extinction: 0.25, ..grown };
         let [levels, digits, storage, march] = [grown_each; 4];
-        assert_eq!(lent.causes, Causes { levels, digits, storage, march });
-        assert_eq!(lent.quadrature, grown.emission);
+        assert_eq!(proxies.causes, Causes { levels, digits, storage, march });
+        assert_eq!(proxies.quadrature, grown.emission);
         // Nothing times whatever is nothing.
         let farthest = Sums { extinction: f64::INFINITY, ..Sums::default() };
         let mut error = RayError::default();
         error.farthest = farthest;
-        let mut nothing = error.lent(1.0);
+        let mut nothing = error.of_proxy(1.0);
         nothing.cancel();
         assert_eq!((nothing.causes, nothing.quadrature), (Causes::default(), 0.0));
     }

@@ -113,7 +113,8 @@ impl TilePixels {
     /// quarters in a batch. None follow witnesses, which are to be heard first.
     pub(super) fn add_wholes(&mut self, grid: &PixelGrid, wholes: &mut Vec<Found>, to_do: &ToDo) {
         let is_whole = |found: &Found| found.square.halvings == 0;
-        let is_witness = |found: &Found| self.firsts.is_witness(usize::from(found.square.pixel));
+        let is_witness =
+            |found: &Found| self.first_rays.is_witness(usize::from(found.square.pixel));
         if !wholes.iter().all(is_whole) || wholes.iter().any(is_witness) {
             return;
         }
@@ -158,7 +159,7 @@ impl TilePixels {
     fn unevenness(&self, whole: &Found, quarters: &[Found]) -> [Unevenness; 4] {
         let values = from_fn(|n| &quarters[n].value);
         let uneven = Unevenness::of(&whole.value, self.known(whole), values);
-        from_fn(|n| uneven.of_quarter(n, values, self.firsts.around(&quarters[n]), false))
+        from_fn(|n| uneven.of_quarter(n, values, self.first_rays.around(&quarters[n]), false))
     }
 
     /// Whether a quarter's pixel is close enough in all likelihood. Four rays may be alike by
@@ -183,9 +184,9 @@ impl TilePixels {
     pub(super) fn known(&self, whole: &Found) -> Option<Unevenness> {
         if whole.square.halvings == 0 {
             let pixel = usize::from(whole.square.pixel);
-            self.firsts
+            self.first_rays
                 .predict(pixel)
-                .or_else(|| Some(Unevenness::of_edges(self.firsts.edges(pixel))))
+                .or_else(|| Some(Unevenness::of_edges(self.first_rays.edges(pixel))))
         } else {
             whole.uneven
         }
@@ -195,7 +196,7 @@ impl TilePixels {
     fn is_too_whole(&self, found: &Found) -> bool {
         self.goal.is_some_and(|goal| {
             let least = if self.may_glint(&goal, found) {
-                let bound = self.firsts.first_bound(usize::from(found.square.pixel));
+                let bound = self.first_rays.first_bound(usize::from(found.square.pixel));
                 halvings_for_glints(bound / goal.tolerance).min(goal.glint_halvings)
             } else {
                 0
@@ -224,13 +225,13 @@ impl TilePixels {
     /// The same of a whole pixel's first ray.
     pub(super) fn is_dark_by_chance(&self, goal: &Goal, pixel: usize) -> bool {
         goal.glint_halvings > 0
-            && self.firsts.first_bound(pixel) > FAR * goal.tolerance
-            && self.firsts.is_first_dark(pixel, darkness(goal))
+            && self.first_rays.first_bound(pixel) > FAR * goal.tolerance
+            && self.first_rays.is_first_dark(pixel, darkness(goal))
     }
 
     /// What a pixel and those beside it have as their first variance on average.
     pub(super) fn variance_around(&self, pixel: usize) -> f64 {
-        let near = self.firsts.near(pixel).filter_map(|number| self.pixels.get(number));
+        let near = self.first_rays.near(pixel).filter_map(|number| self.pixels.get(number));
         let known = near.filter_map(Pixel::first_variance);
         let (count, sum) = known.fold((0.0, 0.0), |(n, sum), variance| (n + 1.0, sum + variance));
         if count > 0.0 { sum / count } else { 0.0 }
@@ -289,7 +290,7 @@ impl TilePixels {
         let pixel = usize::from(found.square.pixel);
         let group = WITNESSES + 1 + pixel / GROUP_PIXELS;
         match found.uneven {
-            _ if found.square.halvings == 0 && self.firsts.is_witness(pixel) => {
+            _ if found.square.halvings == 0 && self.first_rays.is_witness(pixel) => {
                 Urgency::new(WITNESSES, f64::INFINITY)
             }
             None if found.square.halvings == 0 => Urgency::new(group, f64::INFINITY),
@@ -353,7 +354,7 @@ impl TilePixels {
             if !is_good && next.takes(std::slice::from_ref(whole), &mean, room, batch) {
                 continue;
             }
-            self.firsts.doubt(whole, from_fn(|n| &quarters[n].value));
+            self.first_rays.doubt(whole, from_fn(|n| &quarters[n].value));
             let uneven = self.unevenness(whole, quarters);
             let pixel = &mut self.pixels[usize::from(whole.square.pixel)];
             pixel.learn(whole, &uneven, grid.weight(&whole.square), &mean);
