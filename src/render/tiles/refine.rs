@@ -196,6 +196,7 @@ impl TilePixels {
                     0 => {
                         let pixel = usize::from(found.square.pixel);
                         harm > self.little(median) && self.first_rays.stands_out(pixel, bound)
+                            || self.may_glint(found)
                     }
                     _ => harm > self.little(SMALL_HARM * median),
                 };

@@ -471,6 +471,19 @@ fn tips_in_dark_pixels_are_seen() {
     let (rays, error) = draw_light([9, 7], goal, |_| 0.0, |_| 0.02, |_, _, _| {});
     assert!(rays <= 63 * 5 + border(9, 7), "{rays}");
     assert_eq!(error.unsure, 0);
+    // Likewise by those of their quarters, which are as certain then.
+    let first_alone = |square: &Square| if square.halvings == 0 { 1.0 } else { 0.0 };
+    let (rays, error) = draw_light(
+        [9, 7],
+        goal,
+        |_| 0.0,
+        first_alone,
+        |_, _, pixel| {
+            assert_eq!((pixel.rays_alone, pixel.bound().total()), (0, 0.0));
+        },
+    );
+    assert!(rays <= 63 * 5 + border(9, 7), "{rays}");
+    assert_eq!((error.unsure, error.shares.total()), (0, 0.0));
 }
 
 #[test]

@@ -195,7 +195,7 @@ impl TilePixels {
     /// Whether a square is to be quartered whatever its rays tell.
     fn is_too_whole(&self, found: &Found) -> bool {
         self.goal.is_some_and(|goal| {
-            let least = if self.may_glint(&goal, found) {
+            let least = if self.may_glint(found) {
                 let bound = self.first_rays.first_bound(usize::from(found.square.pixel));
                 halvings_for_glints(bound / goal.tolerance).min(goal.glint_halvings)
             } else {
@@ -217,9 +217,11 @@ impl TilePixels {
     /// Whether neither a pixel's first ray nor that of a square of it has met anything that counts, and
     /// yet something may be there that does: the tip of what shines covers little of its pixel, and
     /// none of those beside it.
-    fn may_glint(&self, goal: &Goal, found: &Found) -> bool {
-        let is_dark = found.value.iter().all(|&value| value <= darkness(goal));
-        is_dark && self.is_dark_by_chance(goal, usize::from(found.square.pixel))
+    pub(super) fn may_glint(&self, found: &Found) -> bool {
+        self.goal.is_some_and(|goal| {
+            let is_dark = found.value.iter().all(|&value| value <= darkness(&goal));
+            is_dark && self.is_dark_by_chance(&goal, usize::from(found.square.pixel))
+        })
     }
 
     /// The same of a whole pixel's first ray.
