@@ -83,15 +83,13 @@ pub(super) fn denied(path: &Path) -> Option<Error> {
     Some(Error::io(path, "cannot open the input", error))
 }
 
-/// The first that `fault` finds of the files directly in `folder`, if it is a folder.
-pub(super) fn first_fault(folder: &Path, fault: impl Fn(&Path) -> Option<Error>) -> Option<Error> {
+/// The first that `look` finds of the files directly in `folder`, if it is a folder.
+pub(super) fn first_found<T>(folder: &Path, look: impl Fn(&Path) -> Option<T>) -> Option<T> {
     let files = distinct(first_entries(folder, MOST_TRIED).ok()?);
-    files.iter().find_map(|file| fault(file))
+    files.iter().filter(|file| file.is_file()).find_map(|file| look(file))
 }
 
 /// The first file in `folder` that may not be read, if it is a folder.
 pub(super) fn denied_within(folder: &Path) -> Option<PathBuf> {
-    let entries = std::fs::read_dir(folder).ok()?;
-    let files = entries.flatten().map(|entry| entry.path()).filter(|entry| entry.is_file());
-    files.take(MOST_TRIED).find(|file| denied(file).is_some())
+    first_found(folder, |file| denied(file).map(|_| file.to_path_buf()))
 }

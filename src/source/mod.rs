@@ -279,7 +279,7 @@ fn by_content(path: &Path) -> Result<(&'static Format, PathBuf)> {
 }
 
 fn unknown(path: &Path) -> Error {
-    let damaged = || hdf5::damage(path).or_else(|| folder::first_fault(path, hdf5::damage));
+    let damaged = || hdf5::damage(path).or_else(|| folder::first_found(path, hdf5::damage));
     if let Some(error) = folder::denied(path).or_else(damaged) {
         return error;
     }
