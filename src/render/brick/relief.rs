@@ -38,10 +38,8 @@ pub(crate) struct Group {
     storage: Storage,
     /// The same where they are those of the group itself.
     own_storage: Storage,
-    /// How far beyond the range the source's values may be, and those beneath where these are near:
-    /// others of a square may meet steps there.
-    beyond: f64,
-    /// What the transfer function does over the range, and so far beyond it.
+    /// What the transfer function does over the range, and as far beyond it as the source's values may
+    /// be, and those beneath where these are near: others of a square may meet steps there.
     pub(crate) span: Span,
     /// Whether part of the group is void: what is drawn ends there.
     pub(crate) has_void: bool,
@@ -136,20 +134,24 @@ impl Relief {
             let group = [at % self.side, at / self.side % self.side, at / self.side.pow(2)];
             self.groups.push(builder.group(of_group, group.map(|g| g * GROUP_EDGE)));
         }
-        self.join(pieces);
+        self.join(|whole| builder.span(whole, distance.near_beneath()));
     }
 
-    /// Finds what holds for all groups.
-    fn join(&mut self, pieces: &PieceList) {
+    /// Finds what holds for all groups; `span` is what the transfer function does over their range.
+    fn join(&mut self, span: impl Fn(&Group) -> Span) {
         self.whole = self.groups.first().copied().unwrap_or_default();
         self.groups.iter().skip(1).for_each(|group| self.whole.take_in(group));
         let has_values = self.whole.low <= self.whole.high;
-        self.whole.span = if has_values { self.whole.over(pieces) } else { Span::default() };
+        self.whole.span = if has_values { span(&self.whole) } else { Span::default() };
     }
 
     /// Takes values to be those of a thinner brick, off by so much in each group from the one that
     /// `finer` is of.
     pub(crate) fn loosen(&mut self, finer: &Self, pieces: &PieceList, off: &[f64]) {
+        let over = |group: &Group| {
+            let off = group.storage.most();
+            pieces.over(group.low - off, group.high + off)
+        };
         for (n, (group, off)) in self.groups.iter_mut().zip(off).enumerate() {
             let most = |number: fn(&Group) -> f64| finer.most_beneath(n, self.side, number);
             group.thinned = off + most(|group| group.thinned);
@@ -157,12 +159,11 @@ impl Relief {
             group.own_storage = Storage::at_most(most(|group| group.own_storage.most()));
             group.low -= group.thinned;
             group.high += group.thinned;
-            group.beyond = group.storage.most();
-            group.span = group.over(pieces);
+            group.span = over(group);
             group.levels = group.span.slope.times(group.thinned);
         }
         self.is_rounded = finer.is_rounded;
-        self.join(pieces);
+        self.join(over);
         let most = self.whole.thinned;
         self.levels_reach = if most < FAR { most } else { 0.0 };
     }
@@ -232,30 +233,29 @@ impl Relief {
         }
         Cow::Owned(all)
     }
+
+    /// What holds of what `group` knows in all places that are within `away` (cells along each axis) of one
+    /// at which the interpolant is `x`.
+    pub(crate) fn close_to(
+        &self,
+        group: &Group,
+        x: f64,
+        away: [f64; 3],
+        pieces: &PieceList,
+    ) -> Group {
+        let largest = group.low.abs().max(group.high.abs());
+        let over = (0..3).map(|a| group.slope[a] * away[a]).sum::<f64>() + VALUE_ROUNDING * largest;
+        let [low, high] = [(x - over).max(group.low), (x + over).min(group.high)];
+        if low <= high {
+            let off = group.storage.most() + group.thinned + self.levels_reach;
+            Group { low, high, span: pieces.over(low - off, high + off), ..*group }
+        } else {
+            *group
+        }
+    }
 }
 
 impl Group {
-    /// What the transfer function does over the range, and as far beyond it as others' values may be.
-    fn over(&self, pieces: &PieceList) -> Span {
-        pieces.over(self.low - self.beyond, self.high + self.beyond)
-    }
-
-    /// What holds of it in all places that are within `away` (cells along each axis) of one at which the
-    /// interpolant is `x`.
-    pub(crate) fn close_to(&self, x: f64, away: [f64; 3], pieces: &PieceList) -> Self {
-        let largest = self.low.abs().max(self.high.abs());
-        let by_slopes = (0..3).map(|a| self.slope[a] * away[a]).sum::<f64>();
-        // Of a thinner brick, `x` may be off as its range is.
-        let off = by_slopes + self.thinned + VALUE_ROUNDING * largest;
-        let (low, high) = ((x - off).max(self.low), (x + off).min(self.high));
-        if low <= high {
-            let close = Self { low, high, ..*self };
-            Self { span: close.over(pieces), ..close }
-        } else {
-            *self
-        }
-    }
-
     /// Change where what is drawn ends.
     pub(crate) fn border(&self) -> Change {
         if self.has_void { self.span.most } else { Change::default() }
@@ -295,7 +295,6 @@ impl Group {
         self.thinned = self.thinned.max(other.thinned);
         self.storage = self.storage.max(other.storage);
         self.own_storage = self.own_storage.max(other.own_storage);
-        self.beyond = self.beyond.max(other.beyond);
         self.span = self.span.max(other.span);
         self.has_void |= other.has_void;
         self.fills_void |= other.fills_void;
@@ -338,9 +337,8 @@ impl GroupBuilder<'_> {
         // Constant cells do not tell whether they stand for what lies beneath.
         let stands = is_constant && has_children && self.has_children(first, 0);
         group.own_storage = if stands { group.storage } else { own };
-        let beneath = if has_children { self.distance.near_beneath() } else { 0.0 };
-        group.beyond = group.storage.most() + beneath;
-        group.span = group.over(self.pieces);
+        group.span =
+            self.span(&group, if has_children { self.distance.near_beneath() } else { 0.0 });
         group.fills_void = has_children && fills_void;
         if group.fills_void {
             let [low, high] = [tree[0].min(group.low), tree[1].max(group.high)];
@@ -353,6 +351,12 @@ impl GroupBuilder<'_> {
             };
         }
         group
+    }
+
+    /// What the transfer function does over a group's range, and where values beneath are so far off.
+    fn span(&self, Group { low, high, storage, .. }: &Group, beneath: f64) -> Span {
+        let off = storage.most() + beneath;
+        self.pieces.over(low - off, high + off)
     }
 
     /// Change by values at most `distance` off, without steps.

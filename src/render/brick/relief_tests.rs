@@ -92,7 +92,7 @@ proptest! {
         };
         let value = |at: DVec3| brick.value_at(at, DrawnNeighbours::ALL);
         let middle = value(near(&[0.0; 3]));
-        let close = group.close_to(middle, [reach; 3], &pieces);
+        let close = brick.relief.close_to(&group, middle, [reach; 3], &pieces);
         prop_assert!(close.low >= group.low && close.high <= group.high);
         prop_assert!(close.high - close.low <= 2.1 * reach * group.slope.iter().sum::<f64>() + 1e-9);
         for place in &places {

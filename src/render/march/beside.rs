@@ -149,7 +149,7 @@ impl Visit<'_> {
         let spread = account.spread();
         let away = std::array::from_fn(|a| spread[a] + half * ray.direction[a].abs());
         let x = brick.value_at(DVec3::from_array(point), *drawn);
-        Cow::Owned(group.close_to(x, away, pieces))
+        Cow::Owned(brick.relief.close_to(&group, x, away, pieces))
     }
 
     /// Cuts a stretch of σ into parts that are looked at with what holds around each, or around all if
