@@ -134,7 +134,8 @@ impl Visit<'_> {
     }
 
     /// What holds around a stretch of σ. Groups are wide where cells are: where the transfer function
-    /// changes over a group's values, those around the stretch follow from one of them and from slopes.
+    /// does more at some of a group's values than at others, those around the stretch follow from one of
+    /// them and from slopes.
     fn around<'a>(&self, account: &BrickAccount<'a>, (from, to): (f64, f64)) -> Cow<'a, Group> {
         let Self { passage: Passage { brick, drawn, .. }, ray, region, pieces, .. } = *self;
         let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
@@ -143,7 +144,9 @@ impl Visit<'_> {
         });
         let group = account.group_near(point, 0.5 * self.cells((from, to)));
         let follows = !brick.is_piecewise_constant() && !group.has_void && !account.is_wide();
-        if !follows || group.span.is_constant() {
+        // Where the domain ends, what matters is what is shown, not how it changes.
+        let is_even = region.ends == 0 && group.span.is_even(group.high - group.low);
+        if !follows || is_even || group.span.is_constant() {
             return group;
         }
         let spread = account.spread();

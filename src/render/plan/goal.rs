@@ -1,7 +1,7 @@
 //! What a picture is to be, and how far a tile of it has come.
 
 use super::cut::{Cut, ErrorCut};
-use crate::render::bounds::shares::ErrorShares;
+use crate::render::bounds::shares::{ErrorShares, LIKELY_OF_BOUND};
 
 /// The part of the goal that a first batch leaves to a single brick: few bricks along a ray are off by as
 /// much as the cut allows. With twice as much rays miss the goal where cells are far wider than pixels, and
@@ -13,6 +13,7 @@ const FIRST_LIMIT: f64 = 0.15;
 /// read at first, but more bricks twice.
 const FIRST_DIGITS: f64 = 0.1;
 const FIRST_DIGITS_OF_AREAS: f64 = 0.02;
+const FIRST_DIGITS_UNCERTIFIED: f64 = 0.04;
 /// The part of it that the march of packets may use. For areas the tolerance counts as at least
 /// `LEAST_OF_AREAS` of the expected light here: below that, want of rays makes more than the march does.
 const PACKETS: f64 = 0.25;
@@ -68,8 +69,20 @@ impl Goal {
 
     /// The same cut, but one that leaves so many times as much to bricks of `narrow` cells.
     pub(crate) fn coarser_cut(&self, narrow: f64) -> Cut {
-        let digits = if self.has_area { FIRST_DIGITS_OF_AREAS } else { FIRST_DIGITS };
-        self.cut(FIRST_LIMIT * self.tolerance, digits * self.tolerance).leaving(narrow)
+        let digits = match (self.has_area, self.certifies) {
+            (false, _) => FIRST_DIGITS,
+            (true, true) => FIRST_DIGITS_OF_AREAS,
+            (true, false) => FIRST_DIGITS_UNCERTIFIED,
+        };
+        let allowed = self.of_rays(self.tolerance);
+        self.cut(FIRST_LIMIT * allowed, digits * allowed).leaving(narrow)
+    }
+
+    /// What rays may be off by at most, where a pixel may be off by so much for what they are off by: more
+    /// where areas are not certified, since they are likely off by less.
+    pub(crate) fn of_rays(&self, allowed: f64) -> f64 {
+        let is_likely = self.has_area && !self.certifies && !self.all_levels;
+        if is_likely { allowed / LIKELY_OF_BOUND } else { allowed }
     }
 
     /// What the march of packets may be off by along a ray.

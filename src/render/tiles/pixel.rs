@@ -133,7 +133,7 @@ impl Pixel {
         if whole.square.halvings == 0 {
             alone.first = Some(quarters.iter().map(|quarter| quarter.variance(0.25)).sum());
         }
-        alone.own.add(weight * shares.beside_area());
+        alone.own.add(weight * shares.likely_beside_area());
     }
 
     /// Takes the whole of it, which was left, by its centre's ray: its neighbours tell how it varies, and
@@ -193,7 +193,7 @@ impl Pixel {
     /// by rays that may be off by `shares`.
     pub(super) fn beside_mean_with(&self, whole: &Found, weight: f64, shares: &ErrorShares) -> f64 {
         let known = whole.uneven.map_or(0.0, |_| whole.own());
-        self.beside_mean() + weight * (shares.beside_area() - known)
+        self.beside_mean() + weight * (shares.likely_beside_area() - known)
     }
 
     /// What it is off by as far as its rays tell, and not more than the bound.

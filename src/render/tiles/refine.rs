@@ -65,6 +65,8 @@ pub(crate) struct TilePixels {
     rect: PixelRect,
     finished: Vec<[f32; 4]>,
     first: Option<Batch>,
+    /// The cut that first rays are marched through.
+    first_cut: Option<Cut>,
     sounding: Option<Sounding>,
     waiting: Waiting,
     goal: Option<Goal>,
@@ -123,6 +125,9 @@ impl TilePixels {
     /// The next rays to march; none when all pixels are known.
     pub(crate) fn next(&mut self, grid: &PixelGrid) -> Option<Batch> {
         let first = self.first.take();
+        if let Some(batch) = &first {
+            self.first_cut = Some(batch.cut.clone());
+        }
         let batch = first.or_else(|| self.border_batch(grid)).or_else(|| self.most_urgent(grid))?;
         if batch.is_border {
             return Some(batch);
@@ -281,6 +286,11 @@ impl TilePixels {
         Mean { pixel, shares, room: within.max(as_much), is_bound: within >= as_much }
     }
 
+    /// What a pixel's rays may be off by at most, where it may be off by so much for that.
+    fn room_of_rays(&self, room: f64) -> f64 {
+        self.goal.map_or(room, |goal| goal.of_rays(room))
+    }
+
     /// Takes what a batch has found: pixels that are close enough are known, the others' squares
     /// wait for more.
     pub(crate) fn judge(
@@ -347,7 +357,8 @@ impl TilePixels {
             let Mean { pixel, shares, room, is_bound } = self.mean(grid, found, care);
             let is_good = movable(&shares, care) <= room;
             let is_over = self.is_over(grid, pixel / GROUP_PIXELS);
-            if !is_good && !is_over && next.takes(found, &shares, room, batch) {
+            let of_rays = self.room_of_rays(room);
+            if !is_good && !is_over && next.takes(found, &shares, of_rays, batch) {
                 continue;
             }
             let is_taken_so = is_bound && self.scouts(pixel / GROUP_PIXELS).is_none();

@@ -45,9 +45,9 @@ impl Found {
         self.shares.into()
     }
 
-    /// What its ray may be off by itself.
+    /// What its ray is likely to be off by itself.
     pub(super) fn own(&self) -> f64 {
-        self.shares().beside_area()
+        self.shares().likely_beside_area()
     }
 }
 

@@ -75,7 +75,8 @@ impl TilePixels {
             }
         }
         let (again, wholes) = Default::default();
-        let (cut, care) = (goal.first_cut(), Care::Rough);
+        let cut = self.first_cut.clone().unwrap_or_else(|| goal.first_cut());
+        let care = Care::Rough;
         let (has_area, is_border, before) = (false, true, care);
         let batch = Batch { squares, cut, care, before, has_area, is_border, again, wholes };
         (!batch.squares.is_empty()).then_some(batch)

@@ -2,7 +2,7 @@
 
 use super::TilePixels;
 use super::uncertified::ALONE_SHARE;
-use crate::render::bounds::shares::ErrorShares;
+use crate::render::bounds::shares::{ErrorShares, LIKELY_OF_BOUND};
 use crate::render::tiles::waiting::Found;
 
 /// Neighbours tell little of a pixel that may be off by this many times the light that was expected
@@ -35,7 +35,7 @@ impl TilePixels {
     /// marched with more care, or through finer levels, should they be as well.
     fn is_off_itself(&self, found: &Found) -> bool {
         let ErrorShares { levels, digits, quadrature, proxies, .. } = found.shares();
-        let off = levels + digits + quadrature + proxies;
+        let off = LIKELY_OF_BOUND * (levels + digits + quadrature + proxies);
         self.goal.is_some_and(|goal| off > ALONE_SHARE * goal.tolerance)
     }
 

@@ -52,7 +52,7 @@ impl TilePixels {
         let mut parts = Vec::with_capacity(outcome.len());
         for found in outcome.chunk_by(|a, b| a.square.pixel == b.square.pixel) {
             let Mean { shares, room, is_bound, .. } = self.mean(grid, found, batch.care);
-            parts.push((shares.levels + shares.proxies) / room);
+            parts.push((shares.levels + shares.proxies) / self.room_of_rays(room));
             let is_good = is_bound && movable(&shares, batch.care) <= room;
             if is_good && !grid.has_area() {
                 found.iter().for_each(|found| self.take(grid, found));

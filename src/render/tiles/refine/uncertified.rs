@@ -5,7 +5,7 @@ use std::array::from_fn;
 
 use super::{BATCH_RAYS, Batch, GROUP_PIXELS, MOST_HALVINGS, Next, TilePixels, movable};
 use crate::render::bounds::grade::Care;
-use crate::render::bounds::shares::ErrorShares;
+use crate::render::bounds::shares::{ErrorShares, LIKELY_OF_BOUND};
 use crate::render::camera::rays::PixelGrid;
 use crate::render::plan::goal::Goal;
 use crate::render::tiles::pixel::Pixel;
@@ -131,7 +131,7 @@ impl TilePixels {
         (tolerance - beside).clamp(LEAST_MEAN_SHARE * tolerance, MEAN_SHARE * tolerance)
     }
 
-    /// What rays may be off by themselves, which are off by `most`: no less than a part of what the worst
+    /// What rays may be off by themselves, which are likely off by `most`: no less than a part of what the worst
     /// pixel's mean will be off by, as far as pixels are known, and as these quarters tell. That falls with
     /// the number of rays, which has an end.
     fn room_for_rays(&self, grid: &PixelGrid, batch: &Batch, outcome: &[Found], most: f64) -> f64 {
@@ -346,14 +346,16 @@ impl TilePixels {
         next: &mut Next,
     ) {
         let means: Vec<_> = outcome.chunks_exact(4).map(mean).collect();
-        let most = means.iter().map(|mean| movable(mean, batch.care)).fold(0.0, f64::max);
+        let likely = |mean: &ErrorShares| LIKELY_OF_BOUND * movable(mean, batch.care);
+        let most = means.iter().map(likely).fold(0.0, f64::max);
         let room = self.room_for_rays(grid, batch, outcome, most);
         let of_wholes = batch.wholes.iter().zip(outcome.chunks_exact(4));
         for ((whole, quarters), mean) in of_wholes.zip(means) {
             let pixel = &self.pixels[usize::from(whole.square.pixel)];
-            let is_good = movable(&mean, batch.care) <= room
+            let is_good = likely(&mean) <= room
                 || pixel.beside_mean_with(whole, grid.weight(&whole.square), &mean) <= room;
-            if !is_good && next.takes(std::slice::from_ref(whole), &mean, room, batch) {
+            let most = room / LIKELY_OF_BOUND;
+            if !is_good && next.takes(std::slice::from_ref(whole), &mean, most, batch) {
                 continue;
             }
             self.first_rays.doubt(whole, from_fn(|n| &quarters[n].value));
