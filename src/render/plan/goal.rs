@@ -46,6 +46,8 @@ pub(crate) struct Goal {
     pub(crate) glint_halvings: u8,
     /// Whether all pixels' bounds are to come within the tolerance, so that rays are spent on these.
     pub(crate) certifies: bool,
+    /// Whether rays may be off by more than pixels may be for that, since they are likely off by less.
+    pub(crate) trusts_rays: bool,
     /// The power of the number of rays that bounds fall with, until a group of pixels knows its own.
     pub(crate) power: f64,
     /// Whether the picture's pixels stand for areas.
@@ -69,20 +71,23 @@ impl Goal {
 
     /// The same cut, but one that leaves so many times as much to bricks of `narrow` cells.
     pub(crate) fn coarser_cut(&self, narrow: f64) -> Cut {
-        let digits = match (self.has_area, self.certifies) {
+        let digits = match (self.has_area, self.trusts_rays) {
             (false, _) => FIRST_DIGITS,
-            (true, true) => FIRST_DIGITS_OF_AREAS,
-            (true, false) => FIRST_DIGITS_UNCERTIFIED,
+            (true, false) => FIRST_DIGITS_OF_AREAS,
+            (true, true) => FIRST_DIGITS_UNCERTIFIED,
         };
         let allowed = self.of_rays(self.tolerance);
         self.cut(FIRST_LIMIT * allowed, digits * allowed).leaving(narrow)
     }
 
-    /// What rays may be off by at most, where a pixel may be off by so much for what they are off by: more
-    /// where areas are not certified, since they are likely off by less.
+    /// What rays may be off by at most, where a pixel may be off by so much for what they are off by.
     pub(crate) fn of_rays(&self, allowed: f64) -> f64 {
-        let is_likely = self.has_area && !self.certifies && !self.all_levels;
-        if is_likely { allowed / LIKELY_OF_BOUND } else { allowed }
+        if self.trusts_rays { allowed / LIKELY_OF_BOUND } else { allowed }
+    }
+
+    /// The same goal, by rays that are only likely as close as they should be; exact ones stay exact.
+    pub(crate) fn trusting_rays(self) -> Self {
+        Self { trusts_rays: !self.all_levels, ..self }
     }
 
     /// What the march of packets may be off by along a ray.
@@ -94,6 +99,7 @@ impl Goal {
     /// Leaves pixels' areas to rays that stand for themselves: their bounds are out of reach.
     pub(crate) fn give_up_certificates(&mut self) {
         (self.certifies, self.rays_per_pixel) = (false, self.scouting_per_pixel);
+        *self = self.trusting_rays();
     }
 
     /// The cut that leaves `limit` to a single brick, and `digits` to how its values are read. Of ever

@@ -103,6 +103,7 @@ fn goal(rays_per_pixel: u64, all_levels: bool) -> Goal {
         least_halvings: 0,
         glint_halvings: 0,
         certifies: true,
+        trusts_rays: false,
         power: 1.0,
         has_area: false,
         all_levels,

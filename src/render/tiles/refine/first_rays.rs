@@ -96,9 +96,13 @@ impl FirstRays {
         (first[1] * self.blocks()[0] + first[0], first.map(|n| n * BLOCK))
     }
 
-    /// Whether a pixel is the witness of its block; which of its pixels that is follows no pattern.
+    /// Whether a pixel is the witness of its block; which of its pixels that is follows no pattern. Every
+    /// other block has one, as a chessboard has black squares.
     pub(super) fn is_witness(&self, pixel: usize) -> bool {
         let (block, [x, y]) = self.block_of(pixel);
+        if (x + y) / BLOCK % 2 == 1 {
+            return false;
+        }
         let hash = block.wrapping_mul(0x9e37_79b9) >> 16;
         let size = [self.order.width() - x, self.order.height() - y].map(|n| n.min(BLOCK));
         let place = [x + hash % BLOCK % size[0], y + hash / BLOCK % BLOCK % size[1]];

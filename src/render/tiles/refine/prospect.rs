@@ -140,8 +140,11 @@ impl TilePixels {
             let before =
                 if was_limited { group.fallen.map(|bound| kept * bound) } else { [0.0; 2] };
             group.fallen = std::array::from_fn(|n| before[n] + fallen[n]);
-            if fallen.iter().all(|bound| bound.is_finite()) {
-                self.fallen.iter_mut().zip(fallen).for_each(|(sum, bound)| *sum += bound);
+            let area = |found: &Found| grid.weight(&found.square) * found.shares().pixel_area;
+            let of_areas: [f64; 2] =
+                [&batch.wholes[..], outcome].map(|found| found.iter().map(area).sum());
+            if of_areas.iter().all(|bound| bound.is_finite()) {
+                self.fallen.iter_mut().zip(of_areas).for_each(|(sum, bound)| *sum += bound);
             }
         }
     }
