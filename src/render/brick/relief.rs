@@ -212,7 +212,8 @@ impl Relief {
         // Dual cells lie half a cell beside cells.
         let shift = if self.is_piecewise_constant { 0.0 } else { 0.5 };
         let group = |x: f64| (((x + shift) / GROUP_EDGE as f64).max(0.0) as usize).min(last);
-        let groups = |off: f64| [group(point[0] + off), group(point[1] + off), group(point[2] + off)];
+        let groups =
+            |off: f64| [group(point[0] + off), group(point[1] + off), group(point[2] + off)];
         let (lo, hi) = (groups(-beyond.max(0.0)), groups(beyond.max(0.0)));
         let first = self.group((lo[2] * self.side + lo[1]) * self.side + lo[0]);
         if lo == hi {

@@ -9,8 +9,8 @@ use crate::render::bounds::shares::{ErrorShares, LIKELY_OF_BOUND};
 const FIRST_LIMIT: f64 = 0.15;
 /// The part of it that a first batch leaves to what a brick's values may be off by as they are read,
 /// of rays that stand for themselves, and for areas: these come through a brick again and again, with
-/// smaller limits, which should find it in as many digits as before. With larger parts fewer bytes are
-/// read at first, but more bricks twice.
+/// smaller limits, which should find it in as many digits as before; hardly so where rays are trusted. With
+/// larger parts fewer bytes are read at first, but more bricks twice.
 const FIRST_DIGITS: f64 = 0.1;
 const FIRST_DIGITS_OF_AREAS: f64 = 0.02;
 const FIRST_DIGITS_UNCERTIFIED: f64 = 0.04;

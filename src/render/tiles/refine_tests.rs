@@ -392,10 +392,10 @@ fn pixels_that_their_neighbours_predict_take_one_ray() {
         assert!(off <= TOLERANCE && off <= 1.1 * pixel.estimate() + 1e-9, "{off} at {x}, {y}");
     });
     assert!(error.estimate <= TOLERANCE && error.shares.total() > TOLERANCE);
-    // One for each, four more for a witness in sixteen, and some for the bump.
-    assert!((1024 + 256 + border(64, 16)..6 * 1024).contains(&rays), "{rays}");
+    // One for each, four more for a witness in 32, and some for the bump.
+    assert!((1024 + 128 + border(64, 16)..6 * 1024).contains(&rays), "{rays}");
     let (rays, _) = draw_light([64, 16], likely(false), |[x, _]| 0.01 * x, hopeless, |_, _, _| {});
-    assert_eq!(rays, 1024 + 256 + border(64, 16));
+    assert_eq!(rays, 1024 + 128 + border(64, 16));
 }
 
 #[test]

@@ -25,7 +25,7 @@ impl Span {
     /// Whether the function changes at about the same rate all over the range, which is so wide: without
     /// steps, and nowhere much steeper than on average.
     pub(crate) fn is_even(&self, width: f64) -> bool {
-        const STEEPER: f64 = 2.0;
+        const STEEPER: f64 = 4.0;
         let Self { slope, variation, jumps, .. } = *self;
         let is_even = |slope: f64, variation: f64| slope * width <= STEEPER * variation;
         jumps == Change::default()
