@@ -339,7 +339,7 @@ const FEW_TILES: u64 = 4;
 /// Tiles that a picture of areas has at least, however small it is, and their least edge, pixels: its
 /// pixels may take thousands of rays, and threads share nothing smaller than tiles. Not the number of
 /// threads decides, which pictures do not depend on.
-const FEWEST_TILES: u64 = 12;
+const FEWEST_TILES: u64 = 48;
 const LEAST_TILE_SIDE: u32 = 16;
 /// Bricks behind a tile of areas, about, if all of the data lay in the picture one beside the other. A ray
 /// passes many: a tile meets some times as many. Not the memory limit decides, which pictures do not depend
