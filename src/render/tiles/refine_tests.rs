@@ -368,6 +368,20 @@ fn where_no_bound_will_do_pixels_are_within_the_tolerance_all_the_same() {
     assert!((63 * 21..63 * 90).contains(&rays), "{rays}");
 }
 
+/// Pixels are taken to need no more than a thousand rays. One that needs a million has its squares until
+/// there is no room for more, and then no other pays for a certificate.
+#[test]
+fn a_pixel_whose_squares_have_no_room_ends_the_search_for_certificates() {
+    let falls = |square: &Square| {
+        let first = if square.pixel == 500 { 600.0 } else { 0.5 };
+        first * TOLERANCE * 1.5f64.powi(-i32::from(square.halvings))
+    };
+    let goal = Goal { rays_per_pixel: 4096, ..likely(true) };
+    let (rays, error) = draw_light([64, 16], goal, |_| 0.5, falls, |_, _, _| {});
+    assert!(error.estimate <= TOLERANCE && error.shares.total() > TOLERANCE);
+    assert!((32_768..100_000).contains(&rays), "{rays}");
+}
+
 /// A bound that no number of rays brings within the tolerance.
 fn hopeless(_: &Square) -> f64 {
     1e3 * TOLERANCE

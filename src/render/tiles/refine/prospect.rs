@@ -1,6 +1,6 @@
 //! Whether rays can bring the bounds of pixels' areas within the tolerance.
 
-use super::{Batch, GROUP_PIXELS, Goal, MOST_NEEDED, TilePixels, movable};
+use super::{Batch, GROUP_PIXELS, Goal, MOST_HALVINGS, MOST_NEEDED, TilePixels, movable};
 use crate::render::camera::rays::PixelGrid;
 use crate::render::plan::goal::power;
 use crate::render::tiles::waiting::Found;
@@ -18,6 +18,10 @@ const FORGOTTEN: f64 = 64.0;
 const TELLING: f64 = 16.0;
 /// A group of pixels has no prospect whose bounds predict so many times the rays that are left.
 const AT_WORST: f64 = 2.0;
+
+/// A pixel is lost to its certificate once squares that will not be quartered make so many tolerances: for
+/// want of room some had to be left.
+const LOST: f64 = 2.0;
 
 /// What a square may do to its pixel without being scouted, as a part of the tolerance; and as a part of
 /// the light that was expected, since pixels without a certificate come no closer.
@@ -59,13 +63,22 @@ impl TilePixels {
             // What falls as fast as that has not shown yet what will be left.
             let is_fast = power.unwrap_or(goal.power) > FAST;
             let is_within_reach = goal.certifies && needed.is_none_or(|rays| rays <= most);
-            let has_prospect = is_within_reach || is_fast || again && self.may_shine(median);
+            let has_prospect = (is_within_reach || is_fast || again && self.may_shine(median))
+                && !self.is_lost(number, &goal);
             group.scouts = (!has_prospect).then_some(median);
             if !has_prospect {
                 self.give_up_certificate(number);
             }
         }
         self.group = Some(group);
+    }
+
+    /// Whether a pixel of a group will not have its certificate, whatever rays it still takes. (Where
+    /// squares are not to be halved on, they are left without that.)
+    fn is_lost(&self, number: usize, goal: &Goal) -> bool {
+        let mut pixels = self.pixels.iter().skip(number * GROUP_PIXELS).take(GROUP_PIXELS);
+        goal.most_halvings >= MOST_HALVINGS
+            && pixels.any(|pixel| pixel.shares.pixel_area > LOST * goal.tolerance)
     }
 
     /// One group without prospect is enough: no other pays for a certificate that the tile will not have.
