@@ -98,11 +98,25 @@ impl<'a> Integrator<'a> {
         length: f64,
     ) {
         if let Some(reach) = self.reach
-            && (range[0] - reach.most() < piece.start || range[1] + reach.most() >= piece.end)
+            && !self.is_clear(piece, range)
         {
             self.look_around(x, range, &reach, length, false);
         }
         self.within(x, piece, range, length);
+    }
+
+    /// Whether no values within reach of `range` are in another piece.
+    #[inline]
+    pub(super) fn is_clear(&self, piece: &Piece, [low, high]: [f64; 2]) -> bool {
+        self.reach.is_none_or(|reach| {
+            low - reach.most() >= piece.start && high + reach.most() < piece.end
+        })
+    }
+
+    /// A stretch within a transparent piece that [`Self::is_clear`], with x up to `high`.
+    #[inline]
+    pub(super) fn through_nothing(&mut self, piece: &Piece, high: f64, length: f64) {
+        self.account(piece, high, length, self.state.transmittance * length);
     }
 
     /// Tallies the steps of the transfer function that lie within `reach` of `x`, but, if x is
@@ -286,13 +300,12 @@ impl<'a> Integrator<'a> {
         range: [f64; 2],
         length: f64,
     ) {
-        let lit = if piece.is_transparent {
-            self.state.transmittance * length
-        } else {
-            match self.simply(x, piece, range, length) {
-                Some(lit) => lit,
-                None => self.exactly(x, piece, range, length),
-            }
+        if piece.is_transparent {
+            return self.through_nothing(piece, range[1], length);
+        }
+        let lit = match self.simply(x, piece, range, length) {
+            Some(lit) => lit,
+            None => self.exactly(x, piece, range, length),
         };
         self.account(piece, range[1], length, lit);
     }

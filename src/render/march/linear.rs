@@ -146,15 +146,15 @@ fn march_plain(brick: &ScaledBrick, ray: &LocalRay, step: &Step, integrator: &mu
     let high = corners.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let piece = integrator.pieces.at(low);
     let fits = high < piece.end;
-    if fits && piece.is_transparent && integrator.reach.is_none() {
-        return;
+    let length = (step.to - step.from) * ray.length;
+    if fits && piece.is_transparent && integrator.is_clear(piece, [low, high]) {
+        return integrator.through_nothing(piece, high, length);
     }
     let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
     let at = |sigma: f64| -> [f64; 3] {
         std::array::from_fn(|a| origin[a] + 0.5 - f64::from(step.cell[a]) + direction[a] * sigma)
     };
     let x = Polynomial::along_line(&corners, at(step.from), at(step.to));
-    let length = (step.to - step.from) * ray.length;
     if fits {
         integrator.along_piece(&x, piece, [low, high], length);
     } else {
