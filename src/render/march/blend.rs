@@ -85,6 +85,8 @@ pub(super) struct BlendRoom {
     levels: Vec<BlendLevel>,
     /// The stretch's length, code length.
     length: f64,
+    /// The smallest and the largest of the values that are blended.
+    range: [f64; 2],
     /// 0, the s in order where some level's weight may bend, and 1.
     cuts: Vec<f64>,
 }
@@ -100,7 +102,8 @@ impl BlendRoom {
         line: [[f64; 3]; 2],
         length: f64,
     ) {
-        let Self { levels, .. } = self;
+        let Self { levels, range, .. } = self;
+        *range = [f64::INFINITY, f64::NEG_INFINITY];
         let middle = std::array::from_fn(|a| 0.5 * (line[0][a] + line[1][a]));
         levels.clear();
         for up in 0..brick.used {
@@ -113,16 +116,24 @@ impl BlendRoom {
                 let run = std::array::from_fn(|a| to[a] - from[a]);
                 let Polynomial(cubic) = Polynomial::along_line(&cube.values, from, to);
                 levels.push(BlendLevel { exists: cube.exists, from, run, cubic });
+                for value in cube.values {
+                    *range = [range[0].min(value), range[1].max(value)];
+                }
             }
             if is_last {
                 break;
             }
         }
         self.length = length;
-        self.find_kinks();
     }
 
-    fn march(&self, integrator: &mut Integrator<'_>) {
+    fn march(&mut self, integrator: &mut Integrator<'_>) {
+        let piece = integrator.pieces.at(self.range[0]);
+        let is_within = self.range[1] < piece.end && integrator.is_clear(piece, self.range);
+        if is_within && piece.is_transparent {
+            return integrator.through_nothing(piece, self.range[1], self.length);
+        }
+        self.find_kinks();
         for ends in self.cuts.windows(2).filter(|ends| ends[0] < ends[1]) {
             let ends = [ends[0], ends[1]];
             // As it is where two levels meet.
