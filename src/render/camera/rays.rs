@@ -384,15 +384,15 @@ mod tests {
     fn small_pictures_have_smaller_tiles_that_are_alike() {
         let tiles = [[9, 7], [33, 20], [64, 64], [130, 100], [320, 180], [1920, 1080]];
         let tiles = tiles.map(|size| area_tile(size, 0));
-        assert_eq!(tiles, [[9, 7], [11, 10], [16, 16], [26, 25], [64, 64], [64, 64]]);
+        assert_eq!(tiles, [[9, 7], [11, 10], [16, 16], [15, 15], [32, 30], [64, 64]]);
     }
 
     #[test]
     fn tiles_of_areas_hold_few_of_many_bricks() {
-        let tiles = |bricks: u64| [[480, 270], [1920, 1080]].map(|size| area_tile(size, bricks));
+        let tiles = |bricks: u64| [[800, 450], [1920, 1080]].map(|size| area_tile(size, bricks));
         assert_eq!(tiles(10_000), [[64, 64], [64, 64]]);
-        assert_eq!(tiles(40_000), [[32, 30], [64, 64]]);
-        assert_eq!(tiles(150_000), [[16, 16], [64, 64]]);
+        assert_eq!(tiles(100_000), [[32, 30], [64, 64]]);
+        assert_eq!(tiles(400_000), [[16, 16], [32, 32]]);
         assert_eq!(tiles(u64::MAX), [[16, 16], [16, 16]]);
         let view = view(&scene("", 480, 270));
         let single = |bricks| PixelGrid::new(&view, Samples::Grid(1)).among(bricks).tiles();
