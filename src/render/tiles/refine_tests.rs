@@ -3,6 +3,7 @@ use std::iter::from_fn;
 use proptest::prelude::*;
 
 use super::*;
+use crate::render::bounds::shares::LIKELY_OF_BOUND;
 use crate::render::plan::cut::ErrorCut;
 use crate::render::testing::scene::{scene, view};
 
@@ -380,6 +381,20 @@ fn a_pixel_whose_squares_have_no_room_ends_the_search_for_certificates() {
     let (rays, error) = draw_light([64, 16], goal, |_| 0.5, falls, |_, _, _| {});
     assert!(error.estimate <= TOLERANCE && error.shares.total() > TOLERANCE);
     assert!((32_768..100_000).contains(&rays), "{rays}");
+}
+
+#[test]
+fn rays_of_areas_without_a_certificate_begin_coarser_unless_they_are_exact() {
+    let limit = |goal: &Goal| match goal.first_cut() {
+        Cut::Error(cut) => cut.limit,
+        _ => 0.0,
+    };
+    let mut goal = Goal { has_area: true, ..likely(true) };
+    let certified = limit(&goal);
+    goal.give_up_certificates();
+    assert!((LIKELY_OF_BOUND * limit(&goal) / certified - 1.0).abs() < 1e-9);
+    let exact = Goal { all_levels: true, ..goal }.trusting_rays();
+    assert_eq!((exact.first_cut(), exact.of_rays(1.0)), (Cut::FullDepth, 1.0));
 }
 
 /// A bound that no number of rays brings within the tolerance.

@@ -305,6 +305,20 @@ mod tests {
     }
 
     #[test]
+    fn functions_are_even_that_have_neither_steps_nor_peaks() {
+        let white = ColorTable::List(PiecewiseLinear::new(&[(0.0, [1.0; 3])]).unwrap());
+        let is_even = |absorption: &[(f64, f64)]| {
+            let ramp = table(&[(0.0, 0.0), (1.0, 5.0)]);
+            let transfer = TransferFunction::from_tables(&table(absorption), &ramp, &white);
+            TransferPieces::new(&transfer, |_| 0.0).all.over(0.2, 0.8).is_even(0.6)
+        };
+        assert!(is_even(&[(0.0, 1.0), (1.0, 5.0)]) && is_even(&[(0.0, 2.0)]));
+        assert!(is_even(&[(0.0, 0.0), (0.5, 1.0), (1.0, 4.0)]));
+        assert!(!is_even(&[(0.5, 0.0), (0.5, 3.0)]));
+        assert!(!is_even(&[(0.45, 0.0), (0.5, 3.0), (0.55, 0.0)]));
+    }
+
+    #[test]
     fn entries_of_colour_maps_are_taken_together() {
         let list = [(0.0, [1.0, 0.0, 0.0]), (0.5, [0.0, 1.0, 0.5]), (1.0, [0.2, 0.2, 0.2])];
         let list = ColorTable::List(PiecewiseLinear::new(&list).unwrap());
