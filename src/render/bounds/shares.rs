@@ -3,7 +3,7 @@
 /// The part of what rays are bound to be off by for levels, digits, quadrature and proxies that they are
 /// off by in all likelihood, at most: pictures' largest errors are a sixth of their bounds or less in three
 /// of four (`docs/ACCURACY.md`, "Bound and truth").
-pub(crate) const LIKELY_OF_BOUND: f64 = 0.4;
+pub(crate) const LIKELY_OF_BOUND: f64 = 1.0 / 3.0;
 
 /// How far a picture may be off, by cause; in its own unit.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
