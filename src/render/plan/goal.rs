@@ -85,7 +85,8 @@ impl Goal {
         if self.trusts_rays { allowed / LIKELY_OF_BOUND } else { allowed }
     }
 
-    /// The same goal, by rays that are only likely as close as they should be; exact ones stay exact.
+    /// The same goal, by rays that are only likely as close as they should be. Those that go through all
+    /// levels begin as they would without.
     pub(crate) fn trusting_rays(self) -> Self {
         Self { trusts_rays: !self.all_levels, ..self }
     }
