@@ -50,8 +50,10 @@ struct Alone {
     lost: Lost,
     /// What their rays may be off by, where that is known.
     own: Sum,
-    /// The variance as four rays of the whole pixel told it.
+    /// The variance as four rays of the whole pixel told it, and how many of its quarters stand for
+    /// themselves by one ray each.
     first: Option<f64>,
+    quarters: u8,
 }
 
 /// Squares that were given up, likewise.
@@ -93,6 +95,7 @@ impl Pixel {
                 self.alone.own.add(weight * found.own());
                 if found.square.halvings == 1 {
                     self.alone.first = Some(4.0 * uneven.variance(weight));
+                    self.alone.quarters += 1;
                 }
             }
             None => self.alone.unknown += 1,
@@ -107,6 +110,7 @@ impl Pixel {
     /// Takes a square of those left as it is, for want of room: what it may be off by stays.
     pub(super) fn give_up(&mut self, found: &Found, weight: f64) {
         self.alone.lose(found.uneven.as_ref(), weight);
+        self.alone.forget_quarter(found);
         self.draw(found, weight);
     }
 
@@ -127,11 +131,13 @@ impl Pixel {
             }
             None => alone.unknown = alone.unknown.saturating_sub(1),
         }
+        alone.forget_quarter(whole);
         for quarter in quarters {
             alone.count(quarter, 0.25 * weight, 1.0);
         }
         if whole.square.halvings == 0 {
             alone.first = Some(quarters.iter().map(|quarter| quarter.variance(0.25)).sum());
+            alone.quarters = 4;
         }
         alone.own.add(weight * shares.likely_beside_area());
     }
@@ -151,6 +157,11 @@ impl Pixel {
         self.alone.first
     }
 
+    /// Whether one ray each stands for quarters of it.
+    pub(super) fn has_quarters(&self) -> bool {
+        self.alone.quarters > 0
+    }
+
     /// What its mean may be off by in all likelihood, where its variance is taken for at least
     /// `least`; infinite while something is unknown.
     pub(super) fn unlikely(&self, least: f64) -> f64 {
@@ -167,6 +178,16 @@ impl Pixel {
         let Alone { unknown, variance, bend, aligned, .. } = &self.alone;
         let variance = larger(variance.value(), least);
         likely_error(*unknown, variance, aligned.value(), bend.map(Sum::value))
+    }
+
+    /// By how much the variance that more rays may change is above the one with which its mean is off by
+    /// `room` in all likelihood; without limit where nothing is known of part of it, or none is small enough.
+    pub(super) fn surplus(&self, room: f64) -> f64 {
+        let Alone { unknown, variance, bend, aligned, .. } = &self.alone;
+        let most = (room - most(bend.map(Sum::value))) / DEVIATIONS;
+        let allowed = most * most - aligned.value() * aligned.value();
+        let is_none = *unknown > 0 || most.is_nan() || most <= 0.0 || allowed <= 0.0;
+        if is_none { f64::INFINITY } else { variance.value() - allowed }
     }
 
     /// What it is off by at most.
@@ -208,8 +229,12 @@ fn likely_error(unknown: u32, variance: f64, aligned: f64, bend: [f64; 4]) -> f6
         return f64::INFINITY;
     }
     // What overflowed may be no number: nothing is known then.
-    let most_bend = bend.iter().fold(0.0, |most, bend| larger(most, bend.abs()));
-    larger(DEVIATIONS * (larger(variance, 0.0) + aligned * aligned).sqrt(), 0.0) + most_bend
+    larger(DEVIATIONS * (larger(variance, 0.0) + aligned * aligned).sqrt(), 0.0) + most(bend)
+}
+
+/// The largest of these, whatever their signs.
+fn most(bend: [f64; 4]) -> f64 {
+    bend.iter().fold(0.0, |most, bend| larger(most, bend.abs()))
 }
 
 fn add(sum: &mut [f64; 4], value: &[f64; 4], weight: f64) {
@@ -223,6 +248,13 @@ impl Alone {
         self.aligned.add(sign * weight * uneven.aligned());
         for (c, sum) in self.bend.iter_mut().enumerate() {
             sum.add(sign * weight * uneven.bend(c));
+        }
+    }
+
+    /// Counts a square no longer among the pixel's quarters, if it is one of these and known.
+    fn forget_quarter(&mut self, found: &Found) {
+        if found.square.halvings == 1 && found.uneven.is_some() {
+            self.quarters = self.quarters.saturating_sub(1);
         }
     }
 
@@ -300,8 +332,9 @@ mod tests {
     fn squares_along_an_edge_are_off_alike_where_their_rays_lie_at_their_centres() {
         let beside_edge = |is_aligned: bool| {
             let sides = SquareSides { beyond: [1.0; 4], own: [false, true, false, false] };
-            let around = Unevenness::of_edges([0.0, 1.0, 0.0, 0.0]);
-            around.of_quarter(1, [&[1.0; 4]; 4], sides, is_aligned)
+            let around = Some(Unevenness::of_edges([0.0, 1.0, 0.0, 0.0]));
+            let ones = [1.0; 4];
+            Unevenness::of_quarters(&ones, around, [&ones; 4], |_| sides, is_aligned)[1]
         };
         let likely = |is_aligned: bool| {
             let square = Found { uneven: Some(beside_edge(is_aligned)), ..found(whole(), |_| 1.0) };

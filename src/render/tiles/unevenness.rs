@@ -4,12 +4,13 @@
 /// Standard deviations that an estimated error counts as.
 pub(super) const DEVIATIONS: f64 = 3.0;
 /// The part of a square's spread that its quarters keep at least. Five rays beside an edge may be alike by
-/// accident.
-const LEAST_LEFT: f64 = 0.35;
+/// accident. (Where many squares are alike so, four times as many rays leave half of this part of what they
+/// may be off by.)
+const LEAST_LEFT: f64 = 0.25;
 /// The part of an edge's height that stays where quarters along it have not met it, if nothing speaks of it
 /// but how uneven a square was: their rays are half as far from the side. It is all of it where their rays
 /// lie at their centres, as an edge along a row of these is met by all or none.
-const EDGE_LEFT: f64 = 0.5;
+const EDGE_LEFT: f64 = 0.8;
 /// Where what varies linearly makes more of a square's rays than so many times their spread, its quarters'
 /// rays lie at their centres.
 const SMOOTH: f64 = 0.7;
@@ -71,9 +72,22 @@ impl Half {
 }
 
 impl Unevenness {
-    /// The unevenness that the quarters of a square have in common, from its centre's ray and
-    /// theirs, where so much was known `before`.
-    pub(super) fn of(whole: &[f64; 4], before: Option<Self>, quarters: [&[f64; 4]; 4]) -> Self {
+    /// The unevenness of each quarter of a square, from its centre's ray and theirs, where so much was known
+    /// of it `before`, and at the quarters' sides. Where they are `aligned`, edges may run along their rays and
+    /// those of others.
+    pub(super) fn of_quarters(
+        whole: &[f64; 4],
+        before: Option<Self>,
+        quarters: [&[f64; 4]; 4],
+        sides: impl Fn(usize) -> SquareSides,
+        aligned: bool,
+    ) -> [Self; 4] {
+        let all = Self::of(whole, before, quarters);
+        std::array::from_fn(|n| all.of_quarter(n, quarters, sides(n), aligned))
+    }
+
+    /// The unevenness that the quarters of a square have in common.
+    fn of(whole: &[f64; 4], before: Option<Self>, quarters: [&[f64; 4]; 4]) -> Self {
         let before = before.unwrap_or_default();
         let channel = |n: usize| {
             let [a, b, c, d] = quarters.map(|quarter| quarter[n]);
@@ -105,12 +119,11 @@ impl Unevenness {
         }
     }
 
-    /// The unevenness of the `n`-th of these quarters alone, at whose sides so much is known. At those
-    /// that are its pixel's own it keeps the edges that are known there, at others of the square a part
-    /// of them, but for what its ray lies behind already; at its inner sides there may be what its rays
-    /// differ by from the others', as far as that is not smooth. Where it `is_aligned`, edges
-    /// may run along its ray and those of others.
-    pub(super) fn of_quarter(
+    /// The same with the edges of the `n`-th of these quarters, at whose sides so much is known. At those
+    /// that are its pixel's own it keeps the edges that are known there, but for what its ray lies behind
+    /// already, at others of the square a part of them; at its inner sides there may be what its rays
+    /// differ by from the others', as far as that is not smooth.
+    fn of_quarter(
         &self,
         n: usize,
         quarters: [&[f64; 4]; 4],
@@ -127,7 +140,8 @@ impl Unevenness {
                 let change = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
                 change.min(OF_EDGE * self.spread.value())
             };
-            Half::no_less(most.min(beyond[side]))
+            // What runs through the pixel may end within it, and then lies at no side of the pixel.
+            Half::no_less(if own[side] { most.min(beyond[side]) } else { most })
         });
         let most = edges.iter().map(|edge: &Half| edge.value()).fold(0.0, f64::max);
         let aligned = Half::no_less(if is_aligned { UNSEEN_EDGE_SPREAD * most } else { 0.0 });

@@ -80,8 +80,7 @@ impl Urgency {
     /// The urgency of squares in a group that may add `error` to their pixels' errors; that is told
     /// apart in powers of four.
     pub(super) fn new(group: usize, error: f64) -> Self {
-        let harm = if error.is_finite() { (0.5 * error.log2()).floor() as i32 } else { i32::MAX };
-        Self { group, few: 0, harm }
+        Self { group, few: 0, harm: harm(error, 0.5) }
     }
 
     /// The same, where pixels of the group may be finished a few at a time: for a square of `pixel`.
@@ -89,9 +88,10 @@ impl Urgency {
         Self { few: pixel / FEW_PIXELS, ..self }
     }
 
-    /// The same of squares that wait until all others are finished.
-    pub(super) fn put_off(self) -> Self {
-        Self { group: LAST, few: 0, ..self }
+    /// The same of squares that wait until all others are finished. What they add is told apart more finely:
+    /// there is room for few of them.
+    pub(super) fn put_off(error: f64) -> Self {
+        Self { group: LAST, few: 0, harm: harm(error, 4.0) }
     }
 
     /// Whether the number of a group says that it is these.
@@ -103,6 +103,11 @@ impl Urgency {
     fn is_like(&self, other: &Self) -> bool {
         (self.group, self.harm) == (other.group, other.harm)
     }
+}
+
+/// What squares may add to their pixels' errors, in so many steps for each power of two.
+fn harm(error: f64, steps: f64) -> i32 {
+    if error.is_finite() { (steps * error.log2()).floor() as i32 } else { i32::MAX }
 }
 
 /// Squares alike in what is to be done with them and in the harm that they do.
@@ -330,7 +335,7 @@ mod tests {
     #[test]
     fn what_is_put_off_comes_last_and_the_least_of_it_makes_room() {
         let mut waiting = Waiting::default();
-        let last = |error| Urgency::new(0, error).put_off();
+        let last = |error| Urgency::put_off(error);
         let alone = ToDo { alone: true, ..to_do(true) };
         for n in 0..MOST_LAST {
             assert!(waiting.push(found(n as u16, 1.0), last(4f64.powi(n as i32 % 3)), &alone));

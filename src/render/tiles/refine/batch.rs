@@ -44,25 +44,19 @@ impl Batch {
             found.uneven = before.uneven;
         }
         for (whole, quarters) in self.wholes.iter().zip(outcome.chunks_exact_mut(4)) {
-            let values = from_fn(|n| &quarters[n].value);
-            let uneven = Unevenness::of(&whole.value, tile_pixels.known(whole), values);
             // Rays that are off by much themselves say nothing of others, but where many add up.
             let off = quarters.iter().chain([whole]).map(Found::own);
             let most = f64::from(whole.square.halvings).exp2() * ALONE_SHARE * tolerance;
-            let uneven = (off.fold(0.0, f64::max) <= most).then_some(uneven);
+            let tells = off.fold(0.0, f64::max) <= most;
+            let values = from_fn(|n| &quarters[n].value);
+            let sides = |n: usize| tile_pixels.first_rays.around(&quarters[n]);
             // Their rays lie at their centres.
             let is_aligned = grid.has_edges_along(&whole.square);
-            let of_quarter = |n: usize, uneven: Unevenness| {
-                uneven.of_quarter(
-                    n,
-                    values,
-                    tile_pixels.first_rays.around(&quarters[n]),
-                    is_aligned,
-                )
-            };
-            let each: [_; 4] = from_fn(|n| uneven.map(|uneven| of_quarter(n, uneven)));
-            for (quarter, uneven) in quarters.iter_mut().zip(each) {
-                quarter.uneven = uneven;
+            let before = tile_pixels.known(whole);
+            let each = tells
+                .then(|| Unevenness::of_quarters(&whole.value, before, values, sides, is_aligned));
+            for (n, quarter) in quarters.iter_mut().enumerate() {
+                quarter.uneven = each.map(|each| each[n]);
             }
         }
     }

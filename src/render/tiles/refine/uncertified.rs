@@ -26,6 +26,9 @@ const DARK: f64 = 1.0 / 32.0;
 const FAR: f64 = 4.0;
 /// Rays of a square that is quartered.
 const QUARTERS: u32 = 4;
+/// What quarters of a square are expected to take off its variance: along an edge half of them have half of
+/// their square's deviation each.
+const FALLS_ALONE: f64 = 0.75;
 /// Of what the pixels before have left of their rays, a few that are finished together may take one part
 /// in so many: those that follow may need as many.
 const OF_SAVED: u64 = 4;
@@ -34,8 +37,8 @@ const STANDS_OUT_OF_SQUARE: f64 = 0.4;
 
 impl TilePixels {
     /// The squares of `found` that are to be quartered for their pixels' mean, whose rays are counted;
-    /// the others are taken as they are or, for want of rays, put off, but for those that have been.
-    /// Should rays end, pixels of few squares have theirs first.
+    /// the others are taken as they are, wait on or, for want of rays, are put off, but for those that have
+    /// been. Should rays end, pixels of few squares have theirs first.
     pub(super) fn still_unsure(
         &mut self,
         grid: &PixelGrid,
@@ -44,29 +47,66 @@ impl TilePixels {
         is_last: bool,
     ) -> Vec<Found> {
         let mut left = Vec::with_capacity(found.len());
-        let of_pixels = found.chunk_by(|a, b| a.square.pixel == b.square.pixel);
+        let mut found = found.to_vec();
+        found.sort_by_key(|found| found.square.pixel);
+        let of_pixels = found.chunk_by_mut(|a, b| a.square.pixel == b.square.pixel);
         let mut of_pixels: Vec<_> = of_pixels.collect();
         of_pixels.sort_by_key(|found| found.len());
-        for found in of_pixels.into_iter().flatten() {
-            let pixel = usize::from(found.square.pixel);
-            if self.take_by_neighbours(found) {
-                continue;
+        for found in of_pixels {
+            found.sort_by(|a, b| variance(grid, b).total_cmp(&variance(grid, a)));
+            let before = left.len();
+            let mut surplus = self.surplus(usize::from(found[0].square.pixel));
+            for found in found.iter() {
+                let may_wait = surplus <= 0.0 && left.len() > before && !is_last;
+                if self.is_unsure_yet(grid, found, to_do, may_wait, is_last) {
+                    surplus -= FALLS_ALONE * variance(grid, found);
+                    left.push(*found);
+                }
             }
-            let is_known = found.square.halvings >= MOST_HALVINGS || self.is_likely(found);
-            let is_over = !is_known && self.is_over_alone(pixel, is_last);
-            if is_over && !is_last && self.put_off(grid, found, to_do) {
-                continue;
-            }
-            if is_known || is_over {
-                self.pixels[pixel].draw(found, grid.weight(&found.square));
-                continue;
-            }
-            self.rays.add_alone(pixel, QUARTERS);
-            self.pixels[pixel].rays_alone += QUARTERS;
-            left.push(*found);
         }
         left.sort_by_key(|found| found.square.pixel);
         left
+    }
+
+    /// Whether a square is one of these; it may wait on where others of its pixel are likely to do.
+    fn is_unsure_yet(
+        &mut self,
+        grid: &PixelGrid,
+        found: &Found,
+        to_do: &ToDo,
+        may_wait: bool,
+        is_last: bool,
+    ) -> bool {
+        let pixel = usize::from(found.square.pixel);
+        let weight = grid.weight(&found.square);
+        if self.take_by_neighbours(found) {
+            return false;
+        }
+        if found.square.halvings >= MOST_HALVINGS || self.is_likely(found) {
+            self.pixels[pixel].draw(found, weight);
+            return false;
+        }
+        if self.is_over_alone(pixel, is_last) {
+            if is_last || !self.put_off(grid, found, to_do) {
+                self.pixels[pixel].give_up(found, weight);
+            }
+            return false;
+        }
+        let urgency = self.urgency_alone(found, weight);
+        if may_wait && !self.is_too_whole(found) && self.waiting.push(*found, urgency, to_do) {
+            return false;
+        }
+        self.rays.add_alone(pixel, QUARTERS);
+        self.pixels[pixel].rays_alone += QUARTERS;
+        true
+    }
+
+    /// By how much a pixel's variance is above what its mean may have. Without limit while four rays alike
+    /// hide it, or where no variance is small enough.
+    fn surplus(&self, number: usize) -> f64 {
+        let pixel = &self.pixels[number];
+        let room = self.room_for_mean(pixel.beside_mean());
+        if pixel.changeable(0.0) <= room { f64::INFINITY } else { pixel.surplus(room) }
     }
 
     /// Whether no more rays may be marched that stand for themselves, for a pixel: its group and those
@@ -98,13 +138,13 @@ impl TilePixels {
     /// Puts a square off until all others are finished, in the place of others that matter less should
     /// there be no room; false where there is none.
     fn put_off(&mut self, grid: &PixelGrid, found: &Found, to_do: &ToDo) -> bool {
-        let urgency = self.urgency_alone(found, grid.weight(&found.square)).put_off();
+        let urgency = Urgency::put_off(grid.weight(&found.square) * self.spread(found));
         if self.waiting.push(*found, urgency, to_do) {
             return true;
         }
         for least in self.waiting.pop_less_urgent_last(&urgency) {
             let weight = grid.weight(&least.square);
-            self.pixels[usize::from(least.square.pixel)].draw(&least, weight);
+            self.pixels[usize::from(least.square.pixel)].give_up(&least, weight);
         }
         self.waiting.push(*found, urgency, to_do)
     }
@@ -158,18 +198,19 @@ impl TilePixels {
     /// How uneven each quarter of a square is, as rays of all four tell.
     fn unevenness(&self, whole: &Found, quarters: &[Found]) -> [Unevenness; 4] {
         let values = from_fn(|n| &quarters[n].value);
-        let uneven = Unevenness::of(&whole.value, self.known(whole), values);
-        from_fn(|n| uneven.of_quarter(n, values, self.first_rays.around(&quarters[n]), false))
+        let sides = |n: usize| self.first_rays.around(&quarters[n]);
+        Unevenness::of_quarters(&whole.value, self.known(whole), values, sides, false)
     }
 
     /// Whether a quarter's pixel is close enough in all likelihood. Four rays may be alike by
-    /// accident: their pixel's neighbours are asked as well.
+    /// accident: while any of them stands for a quarter, their pixel's neighbours are asked as well.
     pub(super) fn is_likely(&self, found: &Found) -> bool {
         if self.is_too_whole(found) {
             return false;
         }
         let pixel = usize::from(found.square.pixel);
-        let least = if found.square.halvings == 1 { self.variance_around(pixel) } else { 0.0 };
+        let has_quarters = self.pixels[pixel].has_quarters();
+        let least = if has_quarters { self.variance_around(pixel) } else { 0.0 };
         let pixel = &self.pixels[pixel];
         pixel.changeable(least) <= self.room_for_mean(pixel.beside_mean())
     }
@@ -229,6 +270,19 @@ impl TilePixels {
         goal.glint_halvings > 0
             && self.first_rays.first_bound(pixel) > FAR * goal.tolerance
             && self.first_rays.is_first_dark(pixel, darkness(goal))
+    }
+
+    /// What a square's rays are taken to spread by: those of a pixel's quarters by no less than those of the
+    /// pixels around it do. That decides on their pixel, so their turn must come before others are taken as
+    /// they are. Without limit where nothing is known.
+    fn spread(&self, found: &Found) -> f64 {
+        let Some(uneven) = found.uneven else { return f64::INFINITY };
+        let least = if found.square.halvings == 1 {
+            2.0 * self.variance_around(usize::from(found.square.pixel)).sqrt()
+        } else {
+            0.0
+        };
+        uneven.spread().max(least)
     }
 
     /// What a pixel and those beside it have as their first variance on average.
@@ -296,8 +350,8 @@ impl TilePixels {
                 Urgency::new(WITNESSES, f64::INFINITY)
             }
             None if found.square.halvings == 0 => Urgency::new(group, f64::INFINITY),
-            Some(uneven) if !self.is_too_whole(found) => {
-                Urgency::new(group, weight * uneven.spread()).among_few(pixel)
+            Some(_) if !self.is_too_whole(found) => {
+                Urgency::new(group, weight * self.spread(found)).among_few(pixel)
             }
             _ => Urgency::new(group, weight * UNKNOWN).among_few(pixel),
         }
@@ -367,6 +421,11 @@ impl TilePixels {
             next.quartered.extend(quarters.iter().zip(uneven).map(uneven_quarter));
         }
     }
+}
+
+/// What a square adds to its pixel's variance, as far as that is known.
+fn variance(grid: &PixelGrid, found: &Found) -> f64 {
+    found.uneven.map_or(f64::INFINITY, |uneven| uneven.variance(grid.weight(&found.square)))
 }
 
 /// The most that is dark beside a goal.
