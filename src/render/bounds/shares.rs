@@ -48,10 +48,15 @@ impl ErrorShares {
     /// What a ray is likely to be off by itself: all but what pixels' areas are off by, which may be without
     /// limit.
     pub(crate) fn likely_beside_area(&self) -> f64 {
-        let Self { levels, digits, quadrature, proxies, storage, termination, rounding, .. } = self;
-        let all = LIKELY_OF_BOUND * (levels + digits + quadrature + proxies)
-            + (storage + termination + rounding);
+        let Self { storage, termination, rounding, .. } = self;
+        let all = self.likely_of_rays() + (storage + termination + rounding);
         if all.is_nan() { f64::INFINITY } else { all }
+    }
+
+    /// The part of that which more care, finer levels or more digits change.
+    pub(crate) fn likely_of_rays(&self) -> f64 {
+        let Self { levels, digits, quadrature, proxies, .. } = self;
+        LIKELY_OF_BOUND * (levels + digits + quadrature + proxies)
     }
 
     /// Adds `weight` times another's.

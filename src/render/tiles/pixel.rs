@@ -318,6 +318,40 @@ mod tests {
     }
 
     #[test]
+    fn quarters_decide_on_a_pixel_until_none_is_left() {
+        let even = Unevenness::spread_and_bent(0.1, 0.0);
+        let mut pixel = Pixel::default();
+        pixel.leave(&found(whole(), |_| 1.0), 1.0);
+        assert!(!pixel.has_quarters());
+        pixel.learn(&found(whole(), |_| 1.0), &[even; 4], 1.0, &ErrorShares::default());
+        let quarters = whole().quarters();
+        let known = quarters.map(|square| Found { uneven: Some(even), ..found(square, |_| 1.0) });
+        for quarter in &known[..3] {
+            pixel.learn(quarter, &[even; 4], 0.25, &ErrorShares::default());
+            // Quarters of this one are not the pixel's.
+            let deeper = Found { square: quarter.square.quarters()[0], ..*quarter };
+            pixel.learn(&deeper, &[even; 4], 0.0625, &ErrorShares::default());
+            assert!(pixel.has_quarters());
+        }
+        pixel.give_up(&known[3], 0.25);
+        assert!(!pixel.has_quarters());
+    }
+
+    #[test]
+    fn a_surplus_is_what_brings_a_mean_within_its_room() {
+        let uneven = Unevenness::spread_and_bent(0.5, 0.1);
+        let mut pixel = Pixel::default();
+        pixel.leave(&found(whole(), |_| 1.0), 1.0);
+        assert_eq!(pixel.surplus(1.0), f64::INFINITY);
+        pixel.learn(&found(whole(), |_| 1.0), &[uneven; 4], 1.0, &ErrorShares::default());
+        // Three deviations of 1/4, and the bend.
+        let bend = uneven.most_bend();
+        assert!((pixel.surplus(0.6 + bend) - (0.0625 - 0.04)).abs() < 1e-7);
+        assert!(pixel.surplus(0.76 + bend) < 0.0 && pixel.surplus(0.74 + bend) > 0.0);
+        assert_eq!(pixel.surplus(0.09), f64::INFINITY);
+    }
+
+    #[test]
     fn nothing_is_known_of_what_overflows() {
         let endless = Unevenness::spread_and_bent(f64::INFINITY, 0.0);
         let square = Found { uneven: Some(endless), ..found(whole(), |_| 1.0) };

@@ -455,6 +455,26 @@ fn edges_along_the_outer_sides_of_a_tile_are_seen() {
 }
 
 #[test]
+fn silhouettes_take_few_rays_and_are_within_the_tolerance() {
+    let discs = [[9.3, 7.7, 6.1], [26.6, 8.2, 4.4], [40.1, 5.8, 2.9], [54.9, 9.1, 7.3]];
+    let is_in = |[x, y]: [f64; 2], [a, b, r]: [f64; 3]| (x - a).hypot(y - b) < r;
+    let light = |at: [f64; 2]| f64::from(u8::from(discs.iter().any(|disc| is_in(at, *disc))));
+    let mean = |x: usize, y: usize| {
+        let at = |n: usize, k: usize| n as f64 + (k as f64 + 0.5) / 256.0;
+        let rows = (0..256).map(|k| (0..256).map(|j| light([at(x, j), at(y, k)])).sum::<f64>());
+        rows.sum::<f64>() / 65536.0
+    };
+    let goal = Goal { alone_per_pixel: 400, tolerance: 0.01, ..likely(false) };
+    let means: Vec<_> = (0..1024).map(|n| mean(n % 64, n / 64)).collect();
+    let (rays, _) = draw_light([64, 16], goal, light, hopeless, |x, y, pixel| {
+        let off = (pixel.value[0] - means[64 * y + x]).abs();
+        assert!(off <= goal.tolerance, "{off} at {x}, {y}");
+    });
+    let edges = means.iter().filter(|mean| **mean > 0.0 && **mean < 1.0).count() as u64;
+    assert!(rays / edges < 800, "{} of {edges} pixels", rays / edges);
+}
+
+#[test]
 fn neighbours_are_not_asked_where_more_may_shine_than_is_known_of() {
     let unknown = |_: &Square| 9.0;
     let light = |[x, _]: [f64; 2]| 0.01 * x;
@@ -589,6 +609,18 @@ fn what_pixels_save_is_left_to_those_before() {
     // Their own rays bring them to 0.04.
     let worst = worst_of_edges(0.0..8.0);
     assert!(worst < 0.02, "{worst}");
+}
+
+#[test]
+fn what_is_given_up_for_want_of_room_takes_no_rays_for_what_is_left() {
+    // So many edges that not all squares can be put off: those that were cannot make up for the others.
+    let is_lit = |x: f64, y: f64| y.fract() > 0.3 + 0.37 * (x + 0.01 * y).fract();
+    let light = |[x, y]: [f64; 2]| if y < 2.0 { f64::from(u8::from(is_lit(x, y))) } else { 0.5 };
+    let goal = Goal { alone_per_pixel: 1000, ..likely(false) };
+    draw_light([64, 16], goal, light, hopeless, |x, y, pixel| {
+        assert!(pixel.rays_alone < 20_000, "{} at {x}, {y}", pixel.rays_alone);
+        assert!(pixel.estimate() < 0.005, "{} at {x}, {y}", pixel.estimate());
+    });
 }
 
 #[test]

@@ -2,7 +2,6 @@
 
 use super::TilePixels;
 use super::uncertified::ALONE_SHARE;
-use crate::render::bounds::shares::{ErrorShares, LIKELY_OF_BOUND};
 use crate::render::tiles::waiting::Found;
 
 /// Neighbours tell little of a pixel that may be off by this many times the light that was expected
@@ -34,8 +33,7 @@ impl TilePixels {
     /// Whether a ray may be off by so much itself that it does not stand for others: rays of its quarters are
     /// marched with more care, or through finer levels, should they be as well.
     fn is_off_itself(&self, found: &Found) -> bool {
-        let ErrorShares { levels, digits, quadrature, proxies, .. } = found.shares();
-        let off = LIKELY_OF_BOUND * (levels + digits + quadrature + proxies);
+        let off = found.shares().likely_of_rays();
         self.goal.is_some_and(|goal| off > ALONE_SHARE * goal.tolerance)
     }
 
