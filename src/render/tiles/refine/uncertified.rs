@@ -26,8 +26,8 @@ const DARK: f64 = 1.0 / 32.0;
 const FAR: f64 = 4.0;
 /// Rays of a square that is quartered.
 const QUARTERS: u32 = 4;
-/// What quarters of a square are expected to take off its variance: along an edge half of them have half of
-/// their square's deviation each.
+/// The part of a square's variance that its quarters are expected to take off. Each is a quarter of it: were
+/// all as uneven as their square, as much would go; along an edge half of them are even.
 const FALLS_ALONE: f64 = 0.75;
 /// Of what the pixels before have left of their rays, a few that are finished together may take one part
 /// in so many: those that follow may need as many.
