@@ -145,7 +145,7 @@ impl TilePixels {
             found.sort_by_key(|found| found.square.pixel);
             let Chosen { again, wholes } = if to_do.alone {
                 let is_last = Urgency::is_last(group);
-                let mut wholes = self.still_unsure(grid, &found, &to_do, is_last);
+                let mut wholes = self.still_unsure(grid, found, &to_do, is_last);
                 self.add_wholes(grid, &mut wholes, &to_do);
                 Chosen { again: Vec::new(), wholes }
             } else {

@@ -42,12 +42,11 @@ impl TilePixels {
     pub(super) fn still_unsure(
         &mut self,
         grid: &PixelGrid,
-        found: &[Found],
+        mut found: Vec<Found>,
         to_do: &ToDo,
         is_last: bool,
     ) -> Vec<Found> {
         let mut left = Vec::with_capacity(found.len());
-        let mut found = found.to_vec();
         found.sort_by_key(|found| found.square.pixel);
         let of_pixels = found.chunk_by_mut(|a, b| a.square.pixel == b.square.pixel);
         let mut of_pixels: Vec<_> = of_pixels.collect();
@@ -138,7 +137,7 @@ impl TilePixels {
     /// Puts a square off until all others are finished, in the place of others that matter less should
     /// there be no room; false where there is none.
     fn put_off(&mut self, grid: &PixelGrid, found: &Found, to_do: &ToDo) -> bool {
-        let urgency = Urgency::put_off(grid.weight(&found.square) * self.spread(found));
+        let urgency = Urgency::put_off(self.harm_alone(found, grid.weight(&found.square)));
         if self.waiting.push(*found, urgency, to_do) {
             return true;
         }
@@ -160,7 +159,7 @@ impl TilePixels {
         }
         while wholes.len() + GROUP_PIXELS <= BATCH_RAYS / 4 {
             let Some(found) = self.waiting.pop_like(to_do, is_whole) else { break };
-            wholes.extend(self.still_unsure(grid, &found, to_do, false));
+            wholes.extend(self.still_unsure(grid, found, to_do, false));
         }
         wholes.sort_by_key(|found| found.square.pixel);
     }
@@ -274,14 +273,11 @@ impl TilePixels {
 
     /// What a square's rays are taken to spread by: those of a pixel's quarters by no less than those of the
     /// pixels around it do. That decides on their pixel, so their turn must come before others are taken as
-    /// they are. Without limit where nothing is known.
-    fn spread(&self, found: &Found) -> f64 {
-        let Some(uneven) = found.uneven else { return f64::INFINITY };
-        let least = if found.square.halvings == 1 {
-            2.0 * self.variance_around(usize::from(found.square.pixel)).sqrt()
-        } else {
-            0.0
-        };
+    /// they are.
+    fn spread(&self, found: &Found, uneven: &Unevenness) -> f64 {
+        let pixel = usize::from(found.square.pixel);
+        let is_quarter = found.square.halvings == 1;
+        let least = if is_quarter { 2.0 * self.variance_around(pixel).sqrt() } else { 0.0 };
         uneven.spread().max(least)
     }
 
@@ -342,18 +338,24 @@ impl TilePixels {
     /// first what little is known of, the largest of it first, then the worst.
     fn urgency_alone(&self, found: &Found, weight: f64) -> Urgency {
         const WITNESSES: usize = BATCH_RAYS / GROUP_PIXELS;
-        const UNKNOWN: f64 = 1e200;
         let pixel = usize::from(found.square.pixel);
+        let is_whole = found.square.halvings == 0;
+        if is_whole && self.first_rays.is_witness(pixel) {
+            return Urgency::new(WITNESSES, f64::INFINITY);
+        }
         let group = WITNESSES + 1 + pixel / GROUP_PIXELS;
+        let urgency = Urgency::new(group, self.harm_alone(found, weight));
+        if is_whole && found.uneven.is_none() { urgency } else { urgency.among_few(pixel) }
+    }
+
+    /// What a square may add to its pixel's error: more than any other where it is to be quartered whatever
+    /// its rays tell, or little is known of it, and without limit where that is all of the pixel.
+    fn harm_alone(&self, found: &Found, weight: f64) -> f64 {
+        const UNKNOWN: f64 = 1e200;
         match found.uneven {
-            _ if found.square.halvings == 0 && self.first_rays.is_witness(pixel) => {
-                Urgency::new(WITNESSES, f64::INFINITY)
-            }
-            None if found.square.halvings == 0 => Urgency::new(group, f64::INFINITY),
-            Some(_) if !self.is_too_whole(found) => {
-                Urgency::new(group, weight * self.spread(found)).among_few(pixel)
-            }
-            _ => Urgency::new(group, weight * UNKNOWN).among_few(pixel),
+            None if found.square.halvings == 0 => f64::INFINITY,
+            Some(uneven) if !self.is_too_whole(found) => weight * self.spread(found, &uneven),
+            _ => weight * UNKNOWN,
         }
     }
 
